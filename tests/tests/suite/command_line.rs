@@ -166,3 +166,31 @@ fn the_demo_makes_raws_pictures_and_a_page() {
         assert!(dir.path().join("out").join(name).exists(), "{name}");
     }
 }
+
+/// Raw samples that end far below the range of 16 bits look black in a picture viewer; a PGM's
+/// maximum says where they end.
+#[test]
+fn convert_tells_of_samples_that_look_dark_in_a_picture() {
+    let dir = tempfile::tempdir().unwrap();
+    let told = |maximum: u16, name: &str| {
+        let mut pgm = format!("P5\n4 2\n{maximum}\n").into_bytes();
+        let sample = (maximum / 2).to_be_bytes();
+        pgm.extend(sample[usize::from(maximum < 256)..].repeat(8));
+        std::fs::write(dir.path().join("in.pgm"), pgm).unwrap();
+        let made =
+            camrig_ok(dir.path(), &format!("convert in.pgm {name} --cfa RGGB --black 16 --force"));
+        String::from_utf8(made.stderr).unwrap()
+    };
+    for name in ["out.tiff", "out.png"] {
+        for maximum in [1023, 4095] {
+            let dark = told(maximum, name);
+            assert!(dark.contains(&format!("raw and to {maximum} of 65535")), "{dark}");
+            assert!(dark.contains("show them dark") && dark.contains("--preview"), "{dark}");
+        }
+        assert_eq!(told(65535, name), "", "{name}");
+    }
+    // Eight bits fill a PNG of eight bits, and raw formats say where their samples end.
+    for (maximum, name) in [(255, "out.png"), (1023, "out.npy"), (1023, "out.dng")] {
+        assert!(!told(maximum, name).contains("dark"), "{name}");
+    }
+}

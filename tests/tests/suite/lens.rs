@@ -50,7 +50,7 @@ fn listing(change: impl Fn(usize, &mut Vec<f64>)) -> String {
 }
 
 /// A folder with prescriptions, PSF listings and the tables of a manifest.
-fn folder() -> tempfile::TempDir {
+pub(super) fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
     write("good.toml", SINGLET);
@@ -146,7 +146,7 @@ data = \"out\"",
 }
 
 /// Writes `camera.toml`, the camera `mt9v024` (752 x 480 pixels of 6 µm) with another lens.
-fn camera_with(dir: &Path, lens: &str) {
+pub(super) fn camera_with(dir: &Path, lens: &str) {
     let camera = camrig::camera::presets::file("mt9v024.toml").unwrap();
     let (head, rest) = camera.split_once("[lens]").unwrap();
     let rest = rest.split_once("[sensor]").unwrap().1;

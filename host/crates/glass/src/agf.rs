@@ -90,7 +90,7 @@ impl Entry {
         }
         let glass = Glass { name: self.name.clone(), dispersion, range_nm };
         let note = self.misprint(&glass);
-        Ok(Found { glass, note })
+        Ok(Found { glass, note, replaced: None })
     }
 
     /// A word on a formula that does not give the n_d printed beside it.

@@ -14,6 +14,9 @@ use std::collections::BTreeMap;
 
 /// Difference of index at the C, d and F lines up to which two glasses are the same one.
 const ALIKE: f64 = 1e-4;
+/// Difference of index up to which nothing is told of a glass that replaces another: the last
+/// digit of makers' catalogues.
+const SAME: f64 = 1e-6;
 /// Materials that belong to no maker.
 const NO_MAKER: &str = "misc";
 
@@ -32,14 +35,58 @@ pub struct Found {
     pub glass: Glass,
     /// What was assumed.
     pub note: Option<String>,
+    /// The built-in glass in whose place a catalogue file's is taken.
+    pub replaced: Option<Replaced>,
+}
+
+/// A built-in glass that gives way to one of a catalogue file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Replaced {
+    /// Name of the file's catalogue, in small letters.
+    pub catalogue: String,
+    /// Maker of the built-in glass, in capitals.
+    pub maker: String,
+    /// The built-in glass.
+    pub glass: Glass,
 }
 
 impl Found {
-    /// The glass; its note is added to `notes`, once.
+    /// The glass, as it was asked for, with nothing to tell.
+    pub(crate) fn plain(glass: Glass) -> Self {
+        Self { glass, note: None, replaced: None }
+    }
+
+    /// The glass of a lens that has these wavelengths, nm; what there is to tell of it is added to
+    /// `notes`, once.
     #[must_use]
-    pub fn noted(self, notes: &mut Vec<String>) -> Glass {
-        notes.extend(self.note.filter(|note| !notes.contains(note)));
+    pub fn noted(self, wavelengths_nm: &[f64], notes: &mut Vec<String>) -> Glass {
+        let replaced = self.replaced.and_then(|r| r.note(&self.glass, wavelengths_nm));
+        let told = self.note.into_iter().chain(replaced);
+        let new: Vec<String> = told.filter(|note| !notes.contains(note)).collect();
+        notes.extend(new);
         self.glass
+    }
+}
+
+impl Replaced {
+    /// A word on `glass`, taken in place of this one, where the two differ at the wavelengths, nm,
+    /// at which both are known.
+    fn note(&self, glass: &Glass, wavelengths_nm: &[f64]) -> Option<String> {
+        let difference = |nm: f64| Some(glass.index(nm).ok()? - self.glass.index(nm).ok()?);
+        let all = wavelengths_nm.iter().filter_map(|nm| difference(*nm));
+        let most = all.fold(0.0, |most: f64, d| if d.abs() > most.abs() { d } else { most });
+        let ((nd, _), (built_in, _)) = (glass.nd_vd(), self.glass.nd_vd());
+        (most.abs() > SAME).then(|| {
+            format!(
+                "glass {} is that of {}.agf, not the built-in one of {}: n_d {nd:.6} instead of \
+                 {built_in:.6} ({:+.1e}); at the wavelengths of the lens the index differs by up \
+                 to {most:+.1e}",
+                glass.name,
+                self.catalogue,
+                self.maker,
+                nd - built_in
+            )
+        })
     }
 }
 
@@ -80,6 +127,16 @@ impl Candidate {
         self.maker.to_ascii_uppercase()
     }
 
+    /// Remembers a built-in glass in whose place this one of a file is taken, the first of several.
+    fn replaces(&mut self, old: &Self) {
+        let catalogue = &self.maker;
+        self.found.replaced.get_or_insert_with(|| Replaced {
+            catalogue: catalogue.clone(),
+            maker: old.maker(),
+            glass: old.found.glass.clone(),
+        });
+    }
+
     /// Whether a lens file that names the catalogue `wanted` means this one: `SCHOTT` is in the
     /// table, and may be a file `schott-2019.agf`; `NIKON-HIKARI` is Hikari's.
     fn belongs_to(&self, wanted: &str) -> bool {
@@ -114,7 +171,7 @@ impl Catalogue {
     pub fn find(&self, name: &str, makers: &[String]) -> Result<Found> {
         let wanted = key(name);
         if let Some(glass) = self.own.get(&wanted) {
-            return Ok(Found { glass: glass.clone(), note: None });
+            return Ok(Found::plain(glass.clone()));
         }
         let candidates = self.candidates(name)?;
         if !candidates.is_empty() {
@@ -127,7 +184,7 @@ impl Catalogue {
             }
         }
         if let Some(model) = model_from_name(name) {
-            return Ok(Found { glass: model?, note: None });
+            return Ok(Found::plain(model?));
         }
         Err(Error::input(format!("no glass called \"{name}\""))
             .help(format!(
@@ -156,7 +213,7 @@ impl Catalogue {
                 if renamed {
                     glass.name = name.to_owned();
                 }
-                let found = Found { glass, note };
+                let found = Found { glass, note, replaced: None };
                 all.push(Candidate { maker: maker.clone(), filed: false, found });
             }
         }
@@ -176,13 +233,16 @@ impl Catalogue {
 }
 
 /// One of several glasses of the name `name`; `makers` are those a lens file names.
-fn choose(name: &str, makers: &[String], candidates: Vec<Candidate>) -> Result<Found> {
+fn choose(name: &str, makers: &[String], mut candidates: Vec<Candidate>) -> Result<Found> {
+    replace_built_in(&mut candidates);
     let named = makers.iter().find_map(|m| candidates.iter().find(|c| c.belongs_to(m)));
-    let free = || candidates.iter().find(|c| c.maker == NO_MAKER);
+    // A catalogue file that a person put there counts before what belongs to no maker.
+    let filed = makers.is_empty() && candidates[0].filed;
+    let free = || candidates.iter().find(|c| c.maker == NO_MAKER && !filed);
     if let Some(candidate) = named.or_else(free) {
         return Ok(candidate.found.clone());
     }
-    let first = &candidates[0];
+    let mut first = candidates[0].clone();
     let agree = candidates.iter().all(|c| alike(&c.found.glass, &first.found.glass));
     let owners = || {
         let mut owners: Vec<String> = candidates.iter().map(Candidate::maker).collect();
@@ -191,7 +251,11 @@ fn choose(name: &str, makers: &[String], candidates: Vec<Candidate>) -> Result<F
     };
     let listed = makers.join(", ").to_ascii_uppercase();
     let note = match (agree, makers.is_empty()) {
-        (true, true) => return Ok(first.found.clone()),
+        (true, true) => {
+            let built_in = candidates.iter().find(|c| !c.filed && first.filed);
+            built_in.into_iter().for_each(|old| first.replaces(old));
+            return Ok(first.found);
+        }
         (true, false) => format!(
             "glass {name} is in no catalogue that the file names ({listed}): that of {} is taken",
             first.maker()
@@ -220,7 +284,19 @@ fn choose(name: &str, makers: &[String], candidates: Vec<Candidate>) -> Result<F
     };
     let more = first.found.note.iter().map(|more| format!("; {more}"));
     let note = [note].into_iter().chain(more).collect::<String>();
-    Ok(Found { glass: first.found.glass.clone(), note: Some(note) })
+    Ok(Found { note: Some(note), ..first.found })
+}
+
+/// Takes a built-in glass out where a file has one of its maker, which remembers it.
+fn replace_built_in(candidates: &mut Vec<Candidate>) {
+    let (filed, built_in): (Vec<_>, Vec<_>) = candidates.drain(..).partition(|c| c.filed);
+    *candidates = filed;
+    for old in built_in {
+        match candidates.iter_mut().find(|c| c.filed && c.maker.contains(&old.maker)) {
+            None => candidates.push(old),
+            Some(new) => new.replaces(&old),
+        }
+    }
 }
 
 /// Whether two glasses are one under two makers' names.
@@ -316,5 +392,48 @@ mod tests {
         assert_eq!(find("F6", &["MELTS", "schott"]).note, None);
         assert!((find("F6", &["schott", "melts"]).glass.nd_vd().0 - 1.63636).abs() < 1e-9);
         assert!(find("F6", &[]).note.unwrap().contains("that of MELTS is"));
+    }
+
+    /// Schott's N-BK7 (2017) by formula 2 with B1 larger by 0.003: d(n²) = 0.003·λ²/(λ² − C1).
+    #[test]
+    fn a_file_that_replaces_a_built_in_glass_of_its_maker_says_by_how_much() {
+        let told = |file: &str, b1: f64, makers: &[&str]| {
+            let text = format!(
+                "CC x\nNM N-BK7 2 517642 0 64.2 0 1 0\nCD {b1} 0.00600069867 0.231792344 \
+                 0.0200179144 1.01046945 103.560653\nLD 0.31 2.5\n"
+            );
+            let mut glasses = Catalogue::default();
+            glasses.insert_agf(file, &text);
+            let makers: Vec<String> = makers.iter().map(|m| (*m).to_owned()).collect();
+            let mut notes = Vec::new();
+            let found = glasses.find("N-BK7", &makers).unwrap();
+            let _ = found.noted(&[486.1327, 587.5618], &mut notes);
+            notes
+        };
+        const SCHOTT: f64 = 1.03961212;
+        for makers in [&["schott"][..], &[]] {
+            let notes = told("Schott-Melt", SCHOTT + 0.003, makers);
+            let words = "glass N-BK7 is that of schott-melt.agf, not the built-in one of SCHOTT: \
+                         n_d 1.517806 instead of 1.516800 (+1.0e-3)";
+            assert!(notes.len() == 1 && notes[0].starts_with(words), "{notes:?}");
+            // The same glass to the last digit that makers print.
+            assert_eq!(told("schott", SCHOTT + 1e-6, makers), [""; 0]);
+        }
+        assert_eq!(told("schott", SCHOTT - 1e-5, &["schott"]).len(), 1);
+        // Where the file names no catalogue, a glass that is nearly the same is told too.
+        let notes = told("melts", SCHOTT + 1e-4, &[]);
+        assert!(notes.len() == 1 && notes[0].contains("that of melts.agf"), "{notes:?}");
+        assert_eq!(told("melts", SCHOTT + 1e-4, &["melts"]), [""; 0]);
+    }
+
+    #[test]
+    fn a_catalogue_file_comes_before_what_belongs_to_no_maker() {
+        let mut glasses = Catalogue::default();
+        glasses.insert_agf("own", "NM WATER 2 0 1.5 60 0 1 0\nCD 1.25 0 0 0 0 0\nLD 0.35 2\n");
+        let found = glasses.find("WATER", &[]).unwrap();
+        assert_eq!(found.glass.nd_vd().0, 1.5);
+        assert!(found.note.unwrap().contains("that of OWN is"));
+        // A lens file that names other catalogues means what it does without the file.
+        assert!(glasses.find("WATER", &["schott".into()]).unwrap().glass.nd_vd().0 < 1.34);
     }
 }

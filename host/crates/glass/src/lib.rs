@@ -25,7 +25,7 @@ pub mod files;
 mod table;
 pub mod text;
 
-pub use catalogue::{Catalogue, Found};
+pub use catalogue::{Catalogue, Found, Replaced};
 pub use dispersion::Dispersion;
 
 use camrig_base::{Error, Result};

@@ -47,7 +47,8 @@ pub struct FieldPoint {
     /// Real height over paraxial height ([`System::paraxial_height_mm`]) − 1, percent; 0 on the
     /// axis, NaN from 90° on, where there is no paraxial height.
     pub distortion_percent: f64,
-    /// Projected solid angle of the pupil seen from the image point, sr.
+    /// Projected solid angle of the light from the field point, sr: that of the pupil seen from
+    /// its image.
     pub projected_solid_angle_sr: f64,
     /// Root-mean-square optical path difference about its mean, waves.
     pub opd_rms_waves: f64,
@@ -155,6 +156,8 @@ fn trains(system: &System, wavelengths: &[f64]) -> Result<Vec<AxisTrain>> {
 struct AxisTrain {
     train: Train,
     axis_sr: f64,
+    /// Solid angle of the light that arrives at the sensor on the axis, sr.
+    sensor_sr: f64,
 }
 
 impl AxisTrain {
@@ -162,8 +165,14 @@ impl AxisTrain {
         let train = system.at(nm)?;
         let axis = Beam::aim(&train, 0.0)?;
         axis.check_rim()?;
-        let axis_sr = axis.outline(AZIMUTHS)?.projected_solid_angle();
-        Ok(Self { train, axis_sr })
+        let outline = axis.outline(AZIMUTHS)?;
+        let axis_sr = outline.projected_solid_angle();
+        let sensor_mm = train.surfaces.last().map_or(0.0, |s| s.thickness);
+        let behind = sensor_mm - train.paraxial.exit_z_mm;
+        let forward = axis.chief.direction[2][0].signum();
+        let pupil_mm = if behind.is_finite() { behind * forward } else { f64::INFINITY };
+        let sensor_sr = outline.projected_solid_angle_from_sensor(pupil_mm);
+        Ok(Self { train, axis_sr, sensor_sr })
     }
 }
 
@@ -389,7 +398,7 @@ pub fn characterise(
         f_number: system.f_number(),
         magnification: system.paraxial.magnification.abs(),
         pupil_magnification: system.paraxial.pupil_magnification(),
-        axis_solid_angle_sr: Some(axis.axis_sr),
+        axis_solid_angle_sr: Some(axis.sensor_sr),
         stop_radius_mm: Some(system.stop_radius_mm),
         transmittance: Spectrum::constant(1.0),
         wavelengths_nm: plan.wavelengths_nm.clone(),

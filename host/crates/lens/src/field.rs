@@ -293,10 +293,7 @@ impl<'a> Beam<'a> {
 
     fn outline(&self) -> Result<Outline> {
         let centre = self.trace(&[[0.0; 2]; LANES]);
-        let middle = EdgePoint {
-            launch: [0.0; 2],
-            direction: [centre.direction[0][0], centre.direction[1][0]],
-        };
+        let middle = EdgePoint::of(&centre, 0, [0.0; 2]);
         let here = || place(self.train, self.tangents);
         check_obstacles(self.train, centre.excess[0] <= 0.0, &here)?;
         let step = self.train.entrance_pupil_mm / STEPS_PER_DIAMETER;

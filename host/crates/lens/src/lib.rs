@@ -60,6 +60,9 @@
 //! - Relative illumination: projected solid angle of the clipped pupil as seen from the image
 //!   point over that on the axis, at the same wavelength. It includes cos⁴, vignetting and pupil
 //!   aberration.
+//! - Light on the axis, with which relative illumination is multiplied in a characterisation over
+//!   heights: the projected solid angle of the exit pupil seen from the sensor, which is that of
+//!   the light's cone where the sensor is in focus.
 //! - PSF: centred on the chief ray of its own wavelength (lateral colour is part of the
 //!   distortion), on the image plane, as irradiance per area; each plane wave has the amplitude
 //!   √(dE/dL dM).

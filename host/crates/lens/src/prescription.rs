@@ -160,7 +160,20 @@ impl Clip {
         Self { inner: self.inner * scale, outer: self.outer * scale, centre, ..self }
     }
 
-    fn is_round(&self) -> bool {
+    /// Whether this obscures all that an opening about the same centre passes.
+    fn covers(&self, opening: &Self) -> bool {
+        if self.inner == 0.0 || opening.outer.is_infinite() || self.centre != opening.centre {
+            return false;
+        }
+        let obstacle = Self { outer: f64::INFINITY, centre: [0.0; 2], ..*self };
+        let (x, y) = (opening.outer, opening.outer * opening.aspect);
+        let beside = if opening.shape == Shape::Rectangle { y } else { 0.0 };
+        obstacle.excess(x, beside) >= 0.0 && obstacle.excess(0.0, y) >= 0.0
+    }
+
+    /// Whether its outlines are circles.
+    #[must_use]
+    pub fn is_round(&self) -> bool {
         self.shape == Shape::Ellipse && self.aspect == 1.0
     }
 
@@ -390,6 +403,10 @@ impl Surface {
                 return Err(Error::input(what).help(
                     "the outer radius lies above the inner one, and widths in x and y are given",
                 ));
+            }
+            if self.clips.iter().any(|other| other.covers(clip)) {
+                return Err(Error::input("an obscuration covers the whole aperture")
+                    .help("no light passes: is it smaller than the aperture?"));
             }
         }
         Ok(())

@@ -448,16 +448,33 @@ pub struct EdgePoint {
     pub launch: [f64; 2],
     /// Direction cosines x and y at the image.
     pub direction: [f64; 2],
+    /// Where it lands, mm.
+    pub landing: [f64; 2],
+}
+
+impl EdgePoint {
+    /// The ray in lane `i` of `rays`, launched at `launch`.
+    pub(super) fn of<const N: usize>(rays: &Rays<N>, i: usize, launch: [f64; 2]) -> Self {
+        let in_plane = |vector: &[[f64; N]; 3]| [vector[0][i], vector[1][i]];
+        Self { launch, direction: in_plane(&rays.direction), landing: in_plane(&rays.position) }
+    }
+
+    /// Direction cosines of the line from where the ray crosses the exit pupil, `pupil_mm` in front
+    /// of the sensor, to the sensor's axis.
+    fn towards_axis(&self, pupil_mm: f64) -> [f64; 2] {
+        let [l, m] = self.direction;
+        let forward = (1.0 - l * l - m * m).sqrt();
+        let slopes = [0, 1].map(|k| self.direction[k] / forward - self.landing[k] / pupil_mm);
+        let length = (1.0 + slopes[0] * slopes[0] + slopes[1] * slopes[1]).sqrt();
+        slopes.map(|slope| slope / length)
+    }
 }
 
 impl Outline {
     fn find(beam: &Beam, azimuths: usize) -> Result<Self> {
         let count = azimuths.max(8).next_multiple_of(LANES);
         let centre = beam.trace(&[[0.0; 2]; LANES]);
-        let middle = EdgePoint {
-            launch: [0.0; 2],
-            direction: [centre.direction[0][0], centre.direction[1][0]],
-        };
+        let middle = EdgePoint::of(&centre, 0, [0.0; 2]);
         let place = || format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm);
         check_obstacles(beam.train, centre.excess[0] <= 0.0, &place)?;
         let mut edges = Vec::with_capacity(count);
@@ -483,6 +500,15 @@ impl Outline {
     #[must_use]
     pub fn projected_solid_angle(&self) -> f64 {
         self.extent.copies() * self.area(|point| point.direction)
+    }
+
+    /// Projected solid angle of the exit pupil, `pupil_mm` in front of the sensor, seen from the
+    /// sensor's axis, sr. It is [`Self::projected_solid_angle`] where the rays meet there. Of a
+    /// sensor out of focus it is that of the rays which arrive there from all of the scene, to first
+    /// order in how far the rays of one point miss it.
+    #[must_use]
+    pub(super) fn projected_solid_angle_from_sensor(&self, pupil_mm: f64) -> f64 {
+        self.extent.copies() * self.area(|point| point.towards_axis(pupil_mm))
     }
 
     /// Area over the extent of the polygon through the edge points, in the coordinates `of`.
@@ -564,9 +590,8 @@ pub(super) fn edges_along(
     let outer_rays = at(&outer);
     let inner = if open { [0.0; LANES] } else { refine(&at, bracket(&entry)) };
     let inner_rays = if open { None } else { Some(at(&inner)) };
-    let point = |distance: f64, i: usize, rays: &Rays<LANES>| EdgePoint {
-        launch: ways[i].map(|w| w * distance),
-        direction: [rays.direction[0][i], rays.direction[1][i]],
+    let point = |distance: f64, i: usize, rays: &Rays<LANES>| {
+        EdgePoint::of(rays, i, ways[i].map(|w| w * distance))
     };
     std::array::from_fn(|i| {
         exit[i]?;

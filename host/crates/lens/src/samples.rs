@@ -295,8 +295,11 @@ mod tests {
         let ring = |inner: f64, outer: f64| {
             let edges = (0..=n).map(|i| {
                 let (s, c) = ((i as f64 / n as f64 - 0.5) * std::f64::consts::PI).sin_cos();
-                let at =
-                    |r: f64| EdgePoint { launch: [r * c.max(0.0), r * s], direction: [0.0; 2] };
+                let at = |r: f64| EdgePoint {
+                    launch: [r * c.max(0.0), r * s],
+                    direction: [0.0; 2],
+                    landing: [0.0; 2],
+                };
                 Some([at(inner), at(outer)])
             });
             Outline { extent: Extent::MirrorHalf, edges: edges.collect() }

@@ -13,6 +13,12 @@ use super::train::Train;
 use camrig_base::{Error, Result};
 use camrig_glass::Glass;
 
+/// Width of a point's spot over that of the exit pupil from which on a sensor is told to be far out
+/// of focus. Chosen: a camera focused at infinity sees an object at ten focal lengths so.
+const WIDEST_SPOT: f64 = 0.1;
+/// Relative difference of stop radii from which on they are not one.
+const SAME_STOP: f64 = 1e-6;
+
 /// How a lens is used, where that differs from its prescription.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Conditions {
@@ -98,6 +104,10 @@ impl System {
                 .help("give another aperture, or the radius of the stop")
                 .with_code("stop-radius"));
         }
+        if conditions.stop_radius_mm.is_none() {
+            let note = stop_for_another_object(&prescription, &surfaces, designed, from_file);
+            prescription.notes.extend(note);
+        }
         let entrance_pupil_mm = 2.0 * stop_radius_mm * paraxial.entrance_magnification.abs();
         let mut system = Self { prescription, paraxial, stop_radius_mm, entrance_pupil_mm };
         system.clear_apertures_from_vignetting()?;
@@ -105,7 +115,25 @@ impl System {
             system.focus_by_mtf(per_mm)?;
             move_sensor(&mut system.prescription, conditions.sensor_shift_mm)?;
         }
+        system.tell_of_no_image();
         Ok(system)
+    }
+
+    /// Notes a sensor so far from the paraxial image that there is none on it, as behind a lens
+    /// that is nearly afocal.
+    fn tell_of_no_image(&mut self) {
+        let image = self.paraxial.image_distance_mm;
+        let sensor = self.prescription.surfaces.last().map_or(0.0, |s| s.thickness);
+        let part = ((image - sensor) / (image - self.paraxial.exit_z_mm)).abs();
+        // Paraxial figures know of no tilts.
+        if part > WIDEST_SPOT && self.prescription.asymmetry().is_none() {
+            self.prescription.notes.push(format!(
+                "the sensor is far out of focus, {sensor:.6} mm behind the last surface, with the \
+                 paraxial image at {image:.6} mm: a point on the axis makes a spot of {:.0} % of \
+                 the exit pupil's width",
+                100.0 * part
+            ));
+        }
     }
 
     /// Moves the sensor to the best MTF on the axis, and notes by how much.
@@ -264,26 +292,31 @@ impl System {
 
     /// Derives clear apertures where a file gives vignetting factors instead: as in CODE V, every
     /// surface gets the smallest aperture that passes the reference rays (upper, lower and side
-    /// rim of each field's vignetted pupil, at every design wavelength).
+    /// rims of each field's vignetted pupil, at every design wavelength).
     fn clear_apertures_from_vignetting(&mut self) -> Result<()> {
         let p = &self.prescription;
-        let vignetted = p.fields.vignetting.iter().flatten().any(|v| *v != 0.0);
-        if !vignetted || p.surfaces.iter().any(|s| !s.clips.is_empty()) {
+        if !p.fields.vignetting.iter().flatten().any(|v| *v != 0.0) {
             return Ok(());
         }
-        if p.asymmetry().is_some() {
-            let note = "vignetting factors are passed over, as the lens is not rotationally \
-                        symmetric: give apertures";
-            self.prescription.notes.push(note.into());
+        let passed_over = if p.surfaces.iter().any(|s| !s.clips.is_empty()) {
+            Some("as surfaces have apertures, which alone cut the light")
+        } else if p.asymmetry().is_some() {
+            Some("as the lens is not rotationally symmetric: give apertures")
+        } else {
+            None
+        };
+        if let Some(why) = passed_over {
+            let note = format!("vignetting factors are passed over, {why}");
+            self.prescription.notes.push(note);
             return Ok(());
         }
         let mut radii = vec![0.0_f64; p.surfaces.len()];
         let fields = self.fields_deg()?;
         for nm in &p.wavelengths_nm {
             let train = self.at(*nm)?;
-            for (deg, [ux, _, uy, ly]) in fields.iter().zip(&p.fields.vignetting) {
+            for (i, deg) in fields.iter().enumerate() {
                 let beam = Beam::aim(&train, *deg)?;
-                for (x, y) in [(0.0, 1.0 - uy), (0.0, ly - 1.0), (1.0 - ux, 0.0), (0.0, 0.0)] {
+                for [x, y] in self.rim_of_vignetted_pupil(i) {
                     let heights = beam.heights_of_pupil_ray(x, y)?;
                     radii.iter_mut().zip(heights).for_each(|(r, h)| *r = r.max(h));
                 }
@@ -302,6 +335,25 @@ impl System {
         );
         Ok(())
     }
+
+    /// Middle and rim, right, left, upper and lower, of the pupil of field `i` that its vignetting
+    /// factors leave, in the pupil's radius, turned so that the chief ray comes from below the
+    /// axis.
+    fn rim_of_vignetted_pupil(&self, i: usize) -> [[f64; 2]; 5] {
+        let fields = &self.prescription.fields;
+        let [ux, lx, uy, ly] = fields.vignetting[i];
+        let upwards = match (fields.kind, self.prescription.object) {
+            (FieldKind::Angle, _) => 1.0,
+            (FieldKind::ObjectHeight, _) => -1.0,
+            (_, Object::Infinity) => self.paraxial.efl_mm.signum(),
+            (_, Object::Distance(_)) => -self.paraxial.magnification.signum(),
+        };
+        let [x, y] = fields.places.get(i).copied().unwrap_or_default().map(|v| v * upwards);
+        let length = (x * x + y * y).sqrt();
+        let [sine, cosine] = if length > 0.0 { [x / length, y / length] } else { [0.0, 1.0] };
+        let rim = [[0.0; 2], [1.0 - ux, 0.0], [lx - 1.0, 0.0], [0.0, 1.0 - uy], [0.0, ly - 1.0]];
+        rim.map(|[x, y]| [x * cosine - y * sine, x * sine + y * cosine])
+    }
 }
 
 fn object_at(distance_mm: f64) -> Object {
@@ -316,6 +368,25 @@ fn finite(name: &str, v: f64) -> Result<f64> {
         true => Ok(v),
         false => Err(Error::input(format!("{name} {v}")).help("give a finite number, in mm")),
     }
+}
+
+/// A word on an aperture that makes another stop, mm, than it does for the object of the file:
+/// numerical apertures and working f-numbers are kept where the object moves.
+fn stop_for_another_object(
+    prescription: &Prescription,
+    surfaces: &[TrainSurface],
+    designed: Object,
+    stop_mm: f64,
+) -> Option<String> {
+    let own = Prescription { object: designed, ..prescription.clone() };
+    let paraxial = paraxial_of(&own, surfaces).ok()?;
+    let own_mm = paraxial::stop_radius(&paraxial, &own).ok()?;
+    ((own_mm - stop_mm).abs() > SAME_STOP * own_mm).then(|| {
+        format!(
+            "the file's aperture is kept for another object than the file's: the stop's radius is \
+             {stop_mm:.6} mm instead of {own_mm:.6} mm"
+        )
+    })
 }
 
 /// 1 where "away from the lens" is towards +z; −1 behind an odd number of mirrors.

@@ -22,6 +22,8 @@
 //! odd = []                            # coefficients of r, r³, ...
 //! aperture_radius_mm = 8.0            # what light passes; absent: everything
 //! obscuration_radius_mm = 0.0
+//! # aperture_rectangle_mm = [6.0, 4.0]  # half of its width in x and in y; or aperture_ellipse_mm
+//! # obscuration_ellipse_mm = [1.0, 2.0] # or obscuration_rectangle_mm
 //! aperture_centre_mm = [0.0, 0.0]     # from the vertex
 //! stop = true
 //! # One of these makes it more than conic and polynomials:
@@ -50,7 +52,7 @@
 use super::forbes::{Forbes, Kind};
 use super::frame::Frame;
 use super::prescription::{
-    Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Prescription, Surface,
+    Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Prescription, Shape, Surface,
 };
 use camrig_base::{Error, Result};
 use camrig_glass::{Catalogue, Glass};
@@ -121,7 +123,15 @@ struct Row {
     /// Radius within which light is stopped, mm.
     #[serde(default)]
     obscuration_radius_mm: f64,
-    /// Centre of aperture and obscuration, (x, y) from the vertex, mm.
+    /// Half of the widths in x and y of a rectangle within which light passes, mm.
+    aperture_rectangle_mm: Option<[f64; 2]>,
+    /// Half of the widths in x and y of an ellipse within which light passes, mm.
+    aperture_ellipse_mm: Option<[f64; 2]>,
+    /// Half of the widths in x and y of a rectangle within which light is stopped, mm.
+    obscuration_rectangle_mm: Option<[f64; 2]>,
+    /// Half of the widths in x and y of an ellipse within which light is stopped, mm.
+    obscuration_ellipse_mm: Option<[f64; 2]>,
+    /// Centre of apertures and obscurations, (x, y) from the vertex, mm.
     #[serde(default)]
     aperture_centre_mm: [f64; 2],
     /// Whether this surface is the aperture stop; one is.
@@ -233,7 +243,7 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
         let line = line_of(text, row.span());
         let row = row.get_ref();
         surfaces.push(
-            row.surface(&glasses, &mut notes)
+            row.surface(&glasses, &file.wavelengths_nm, &mut notes)
                 .map_err(|e| e.at(format!("surface {}", i + 1)).at(format!("line {line}")))?,
         );
         stops.extend(row.stop.then_some(i));
@@ -289,7 +299,12 @@ fn aperture(table: &BTreeMap<String, f64>) -> Result<Aperture> {
 }
 
 impl Row {
-    fn surface(&self, glasses: &Catalogue, notes: &mut Vec<String>) -> Result<Surface> {
+    fn surface(
+        &self,
+        glasses: &Catalogue,
+        wavelengths_nm: &[f64],
+        notes: &mut Vec<String>,
+    ) -> Result<Surface> {
         let curvature = match (self.radius_mm, self.curvature) {
             (Some(_), Some(_)) => {
                 return Err(Error::input("both radius_mm and curvature").help("give one of them"));
@@ -297,18 +312,11 @@ impl Row {
             (Some(r), None) if r != 0.0 => 1.0 / r,
             (_, c) => c.unwrap_or(0.0),
         };
-        let clip = Clip {
-            inner: self.obscuration_radius_mm,
-            outer: self.aperture_radius_mm.unwrap_or(f64::INFINITY),
-            centre: self.aperture_centre_mm,
-            ..Clip::circle(1.0)
-        };
         let medium = match self.glass.as_deref() {
             None | Some("air") => Medium::Air,
             Some("mirror") => Medium::Mirror,
-            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
+            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(wavelengths_nm, notes)),
         };
-        let everything = clip.inner == 0.0 && clip.outer.is_infinite();
         let (entry, exit) = self.frames()?;
         Ok(Surface {
             curvature,
@@ -317,11 +325,37 @@ impl Row {
             odd: self.odd.clone(),
             thickness: self.thickness_mm,
             medium,
-            clips: if everything { Vec::new() } else { vec![clip] },
+            clips: self.clips()?,
             form: self.form()?,
             entry,
             exit,
         })
+    }
+
+    /// What light passes: between two circles, then rectangles and ellipses.
+    fn clips(&self) -> Result<Vec<Clip>> {
+        let outer = self.aperture_radius_mm.unwrap_or(f64::INFINITY);
+        let ring = Clip::ring(self.obscuration_radius_mm, outer);
+        let mut clips = Vec::new();
+        if ring != Clip::circle(f64::INFINITY) {
+            clips.push(ring);
+        }
+        let (rectangle, ellipse) = (Shape::Rectangle, Shape::Ellipse);
+        for (key, half_mm, shape, obscures) in [
+            ("aperture_rectangle_mm", self.aperture_rectangle_mm, rectangle, false),
+            ("aperture_ellipse_mm", self.aperture_ellipse_mm, ellipse, false),
+            ("obscuration_rectangle_mm", self.obscuration_rectangle_mm, rectangle, true),
+            ("obscuration_ellipse_mm", self.obscuration_ellipse_mm, ellipse, true),
+        ] {
+            let Some(half_mm) = half_mm else { continue };
+            if !half_mm.iter().all(|v| v.is_finite() && *v > 0.0) {
+                return Err(Error::input(format!("{key} = {half_mm:?}"))
+                    .help("give half of the widths in x and y, each above 0"));
+            }
+            let opening = Clip::opening(shape, half_mm);
+            clips.push(if obscures { opening.obstacle() } else { opening });
+        }
+        Ok(clips.into_iter().map(|clip| clip.placed(1.0, self.aperture_centre_mm)).collect())
     }
 
     fn form(&self) -> Result<Form> {

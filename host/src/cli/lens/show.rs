@@ -327,8 +327,15 @@ fn surface_lines(lens: &Prescription) -> Vec<String> {
     for (i, s) in lens.surfaces.iter().enumerate() {
         let radius =
             if s.curvature == 0.0 { "plane".into() } else { format!("{:.6}", 1.0 / s.curvature) };
-        let opening = s.clips.iter().map(|c| c.outer).fold(f64::INFINITY, f64::min);
-        let opening = if opening.is_finite() { format!("{opening:.5}") } else { String::new() };
+        let openings = s.clips.iter().filter(|clip| clip.outer.is_finite());
+        let opening =
+            openings.min_by(|a, b| a.outer.total_cmp(&b.outer)).map_or_else(String::new, |clip| {
+                match clip.is_round() {
+                    true => format!("{:.5}", clip.outer),
+                    false => format!("{:.3} x {:.3}", clip.outer, clip.outer * clip.aspect),
+                }
+            });
+        let obscured = if s.clips.iter().any(|clip| clip.inner > 0.0) { " obscured" } else { "" };
         let behind = match &s.medium {
             Medium::Air => String::new(),
             Medium::Mirror => "mirror".into(),
@@ -347,7 +354,8 @@ fn surface_lines(lens: &Prescription) -> Vec<String> {
         let placed =
             if s.entry.is_some() || s.exit.is_some() { " tilted or decentred" } else { "" };
         lines.push(format!(
-            "{:>3} {radius:>14} {:>12.6} {opening:>12} {behind:>16} {:>10.5}{sag}{placed}{mark}",
+            "{:>3} {radius:>14} {:>12.6} {opening:>12} {behind:>16} {:>10.5}{sag}{placed}{obscured}\
+             {mark}",
             i + 1,
             s.thickness,
             s.conic

@@ -5,9 +5,6 @@
 //! paraxial image height at the design's reference wavelength, up to that of the largest field, as
 //! in a characterisation of our own.
 
-#[cfg(test)]
-mod tests;
-
 use camrig_base::{Error, Result};
 
 /// A lens-design program and the language of its script.

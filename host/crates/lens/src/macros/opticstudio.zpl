@@ -34,6 +34,14 @@ WAVES = @COUNT@
 DECLARE WLN, DOUBLE, 1, @COUNT@
 @ASSIGN_WAVES@
 
+UNITS$ = $UNITS()
+MILLIMETRES = 0
+IF (UNITS$ $== "MM") THEN MILLIMETRES = 1
+IF (MILLIMETRES == 0)
+    PRINT "the lens is not in millimetres: scale it first (Scale Lens)"
+    END
+ENDIF
+
 LENS$ = $FILEPATH()
 BASE$ = FOLDER$ + "\" + NAME$
 PI = 4*ATAN(1)

@@ -63,6 +63,10 @@ impl File {
                 self.image = Some(values.get(1).copied().unwrap_or(0.0));
                 Ok(())
             }
+            "S" if self.image.is_some() => {
+                Err(Error::input("a surface (S) behind the image (SI)")
+                    .help("the image is the last surface: put SI at the end of the lens"))
+            }
             "S" => {
                 let draft = Draft {
                     line: command.line,
@@ -110,16 +114,8 @@ impl File {
                 }
                 self.reference = value as usize;
             }
-            "YAN" | "YOB" | "YIM" | "YRI" => {
-                let (_, mut list) = self.fields.take().unwrap_or((FieldKind::Angle, Vec::new()));
-                set_fields(&mut list, keyword, words)?;
-                self.fields = Some((kind_of(keyword), list));
-            }
-            "XAN" | "XOB" | "XIM" | "XRI" => {
-                set_fields(&mut self.fields_x, keyword, words)?;
-                if self.fields.is_none() && self.fields_x.iter().any(|v| *v != 0.0) {
-                    self.fields = Some((kind_of(keyword), vec![0.0; self.fields_x.len()]));
-                }
+            "YAN" | "YOB" | "YIM" | "YRI" | "XAN" | "XOB" | "XIM" | "XRI" => {
+                self.set_field(keyword, words)?;
             }
             "VUX" => set_fields(&mut self.vignetting[0], keyword, words)?,
             "VLX" => set_fields(&mut self.vignetting[1], keyword, words)?,
@@ -142,6 +138,26 @@ impl File {
             _ => return Ok(false),
         }
         Ok(true)
+    }
+
+    /// Fields in x or y; both are of one kind, whatever those are of which all values are 0.
+    fn set_field(&mut self, keyword: &str, words: &[Word]) -> Result<()> {
+        let kind = kind_of(keyword);
+        let axis = usize::from(keyword.starts_with('Y'));
+        let (known, lists) = self.fields.get_or_insert_with(|| (kind, Default::default()));
+        if *known != kind {
+            lists[axis].clear();
+        }
+        set_fields(&mut lists[axis], keyword, words)?;
+        let on_axis = |list: &[f64]| list.iter().all(|v| *v == 0.0);
+        if *known != kind && !on_axis(&lists[axis]) {
+            if !on_axis(&lists[1 - axis]) {
+                return Err(Error::input(format!("{keyword}: fields of another kind before"))
+                    .help("give x and y of all fields as angles, or as heights of one kind"));
+            }
+            *known = kind;
+        }
+        Ok(())
     }
 
     /// Commands that belong to a surface: the one that `S3` names, or the one above them.

@@ -60,7 +60,7 @@ impl File {
         let mut surfaces = Vec::with_capacity(self.surfaces.len());
         for (i, draft) in self.surfaces.iter().enumerate() {
             let mut surface = draft
-                .surface(radius_mode, scale, glasses, &mut notes)
+                .surface(radius_mode, scale, glasses, &self.waves, &mut notes)
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
             if i == last {
                 surface.thickness += defocus * scale;
@@ -84,20 +84,21 @@ impl File {
             ))
             .help("REF names one of the values of WL"));
         };
-        let (kind, y) = match &self.fields {
-            Some((kind, y)) => (*kind, &y[..]),
-            None => (FieldKind::Angle, &[0.0][..]),
-        };
-        let unit = if kind == FieldKind::Angle { 1.0 } else { scale };
+        let on_axis = (FieldKind::Angle, Default::default());
+        let (kind, [x, y]) = self.fields.as_ref().unwrap_or(&on_axis);
+        let unit = if *kind == FieldKind::Angle { 1.0 } else { scale };
         let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(0.0);
-        let count = y.len().max(self.fields_x.len());
+        let count = x.len().max(y.len()).max(1);
         let values: Vec<f64> =
-            (0..count).map(|i| kind.off_axis(at(&self.fields_x, i), at(y, i)) * unit).collect();
-        let place = |i| [at(&self.fields_x, i), at(y, i)].map(|v: f64| v * unit);
+            (0..count).map(|i| kind.off_axis(at(x, i), at(y, i)) * unit).collect();
+        let place = |i| [at(x, i), at(y, i)].map(|v: f64| v * unit);
         let places = (0..count).map(place).collect();
+        let [ux, lx, uy, ly] = &self.vignetting;
+        // VUX alone is for both sides.
+        let lx = if lx.is_empty() { ux } else { lx };
         let any = self.vignetting.iter().flatten().any(|v| *v != 0.0);
         let vignetting = match any {
-            true => (0..count).map(|i| [0, 1, 2, 3].map(|k| at(&self.vignetting[k], i))).collect(),
+            true => (0..count).map(|i| [ux, lx, uy, ly].map(|list| at(list, i))).collect(),
             false => Vec::new(),
         };
         let prescription = Prescription {
@@ -109,7 +110,7 @@ impl File {
             telecentric: false,
             wavelengths_nm: self.waves.clone(),
             reference_nm,
-            fields: Fields { kind, values, places, vignetting },
+            fields: Fields { kind: *kind, values, places, vignetting },
             notes,
         };
         prescription.validate()?;
@@ -123,6 +124,7 @@ impl Draft {
         radius_mode: bool,
         scale: f64,
         glasses: &Catalogue,
+        wavelengths_nm: &[f64],
         notes: &mut Vec<String>,
     ) -> Result<Surface> {
         let curvature = match (radius_mode, self.bend) {
@@ -147,7 +149,7 @@ impl Draft {
             None => Medium::Air,
             Some(name) if name.eq_ignore_ascii_case("AIR") => Medium::Air,
             Some(name) if name.to_ascii_uppercase().starts_with("REFL") => Medium::Mirror,
-            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(notes)),
+            Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(wavelengths_nm, notes)),
         };
         let centre = self.aperture_centre.map(|v| v * scale);
         let clips = self.clips.iter().map(|clip| clip.placed(scale, centre));

@@ -17,8 +17,6 @@ mod known;
 mod lexer;
 mod private;
 mod radii;
-#[cfg(test)]
-mod tests;
 mod zoom;
 
 use super::prescription::{Aperture, Clip, FieldKind, Prescription};
@@ -41,8 +39,8 @@ struct File {
     aperture: Option<Aperture>,
     waves: Vec<f64>,
     reference: usize,
-    fields: Option<(FieldKind, Vec<f64>)>,
-    fields_x: Vec<f64>,
+    /// Kind of the fields, and their x and y.
+    fields: Option<(FieldKind, [Vec<f64>; 2])>,
     vignetting: [Vec<f64>; 4],
     object: Option<(f64, f64)>,
     surfaces: Vec<Draft>,

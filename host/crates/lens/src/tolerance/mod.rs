@@ -181,6 +181,12 @@ struct Study<'a> {
 
 impl<'a> Study<'a> {
     fn new(system: &'a System, plan: &'a Plan) -> Result<Self> {
+        if system.paraxial.telecentric {
+            return Err(Error::unsupported(
+                "tolerances of a lens that is telecentric in object space",
+            )
+            .help("lenses with an entrance pupil at a finite distance are studied"));
+        }
         let cut_off = otf::cut_off_per_mm(system)?;
         let [fewest, most] = STEPS_TO_CUT_OFF;
         let coarse = cut_off / most;

@@ -270,6 +270,12 @@ fn what_has_no_meaning_is_refused() {
     refused(plan(Tolerances { radius_percent: f64::NAN, ..NONE }, 3, &[0.0]), "radius");
     // The stop lies a quarter of the way to the focus: its image moves by 0.25 mm of 1 mm.
     refused(plan(Tolerances { decentre_mm: 1.0, ..NONE }, 1, &[0.0]), "the pupil moves");
+    let near = PERFECT
+        .replace("fields_deg", "object_distance_mm = 60.0\ntelecentric = true\nfields_deg")
+        .replace("f_number = 10.0", "object_na = 0.02");
+    let near = self::system(&near);
+    let error = report(&near, &plan(some, 1, &[0.0]), &|_, _| ()).unwrap_err().to_string();
+    assert!(error.contains("telecentric in object space"), "{error}");
     refused(plan(some, 0, &[0.0]), "0 lenses");
     refused(plan(some, 1, &[]), "0 fields");
     refused(Plan { frequency_per_mm: Some(1e4), ..plan(some, 1, &[0.0]) }, "cut-off");

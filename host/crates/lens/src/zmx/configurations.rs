@@ -11,10 +11,12 @@ use camrig_glass::text::number;
 
 /// Operands without effect on the image: comments, titles, switched-off lines, drawing.
 const WITHOUT_EFFECT: [&str; 4] = ["MOFF", "MCOM", "LTTL", "CHZN"];
+/// Relative difference up to which a value of the editor is that of a surface: digits of a file.
+const SAME: f64 = 1e-9;
 /// The operand whose text is the title of a configuration.
 const TITLE: &str = "LTTL";
 /// Keywords of a surface that say nothing of solves and pickups (`VDSZ`, `VPAR`: variables).
-const PLAIN: [&str; 32] = [
+pub(super) const PLAIN: [&str; 32] = [
     "TYPE", "CURV", "CONI", "DISZ", "PARM", "XDAT", "GLAS", "DIAM", "MEMA", "OEMA", "FLAP",
     "CLAP", "OBSC", "OBDC", "SCBD", "STOP", "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT",
     "FIMP", "SQAP", "ELAP", "SQOB", "ELOB", "SPID", "UDAP", "UDOB", "VDSZ", "VPAR",
@@ -35,7 +37,8 @@ struct Value {
 #[derive(Default)]
 pub(super) struct Configurations {
     count: usize,
-    active: usize,
+    /// The active one, where the file says it (`MNUM` of older files does not).
+    active: Option<usize>,
     values: Vec<Value>,
     /// The first line of a surface that a solve may govern.
     solved: Option<(usize, String)>,
@@ -45,7 +48,7 @@ impl Configurations {
     /// `MNUM count active`.
     pub(super) fn number(&mut self, rest: &[&str]) -> Result<()> {
         self.count = count(rest, 0, "MNUM")?;
-        self.active = if rest.len() > 1 { count(rest, 1, "MNUM")? } else { 1 };
+        self.active = (rest.len() > 1).then(|| count(rest, 1, "MNUM")).transpose()?;
         Ok(())
     }
 
@@ -114,17 +117,27 @@ impl Configurations {
         surfaces: &mut [Draft],
         notes: &mut Vec<String>,
     ) -> Result<()> {
-        let (count, active) = (self.count, self.active);
+        let count = self.count;
+        let held = |configuration: &usize| self.holds(*configuration, surfaces);
+        let active = self.active.or_else(|| (1..=count).find(held)).unwrap_or(1);
+        let holds = self.holds(active, surfaces);
         let wanted = wanted.map(|w| self.find(w)).transpose()?.unwrap_or(active);
         if count < 2 {
             return Ok(());
         }
         if wanted == active {
             notes.push(format!(
-                "configuration {active} of {count} is taken: it is the active one, whose values \
-                 the surfaces have"
+                "configuration {active} of {count} is taken: it is the active one, {}",
+                match holds {
+                    true => "whose values the surfaces have",
+                    false => "but the surfaces have other values than its lines, and keep them",
+                }
             ));
             return Ok(());
+        }
+        if !holds {
+            let why = format!("the surfaces do not have the values of the active one ({active})");
+            return Err(self.refuse(wanted, &why));
         }
         let values = || self.values.iter().filter(|v| v.configuration == wanted);
         if values().next().is_none() {
@@ -155,6 +168,24 @@ impl Configurations {
             }
         ));
         Ok(())
+    }
+
+    /// Whether the surfaces have what is known of this configuration's values.
+    fn holds(&self, configuration: usize, surfaces: &[Draft]) -> bool {
+        let values = self.values.iter().filter(|v| v.configuration == configuration);
+        let mut known = values.filter_map(|value| {
+            let surface = surfaces.get(value.place[0].parse::<usize>().ok()?)?;
+            let here = match &value.operand[..] {
+                "THIC" => surface.thickness.unwrap_or(f64::INFINITY),
+                "CRVT" => surface.curvature,
+                "CONN" => surface.conic,
+                _ => return None,
+            };
+            let wanted: f64 = value.value.parse().ok()?;
+            let infinite = here.abs().min(wanted.abs()) >= super::INFINITE;
+            Some(infinite || (here - wanted).abs() <= SAME * wanted.abs())
+        });
+        known.all(|same| same)
     }
 
     fn set(&self, value: &Value, surfaces: &mut [Draft]) -> Result<()> {

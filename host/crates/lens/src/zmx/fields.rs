@@ -38,8 +38,11 @@ fn projections([x, y]: [f64; 2]) -> [f64; 2] {
 
 impl File {
     pub(super) fn fields(&mut self, scale: f64) -> Result<Fields> {
+        // Without their number, up to the last that is not on the axis: lists are filled up with 0.
+        let lists = [&self.fields_x, &self.fields_y];
+        let last = lists.iter().filter_map(|list| list.iter().rposition(|v| *v != 0.0)).max();
         let used = match self.counts[0] {
-            0 => self.fields_y.len().max(self.fields_x.len()).clamp(1, 3),
+            0 => last.map_or(1, |last| last + 1),
             n => n,
         };
         let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(0.0);

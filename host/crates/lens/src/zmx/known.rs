@@ -4,6 +4,8 @@
 //! From the files of makers and patents that rayoptics (M. Hayford) and optiland (K. Harrison) come
 //! with, the grammar of zmxtools (T. Vettenburg), and the lists of other public readers.
 
+use super::configurations::PLAIN;
+
 /// The system, in front of the surfaces. What stands behind them belongs to the editors of
 /// configurations, tolerances and merit functions.
 const SYSTEM: &[&[&str]] = &[SET, COPIES, WEIGHTS, COMPUTATION];
@@ -29,6 +31,11 @@ const SURFACE: &[&[&str]] = &[NAMES, MECHANICS, SOLVES];
 const NAMES: &[&str] = &["COMM", "HIDE", "SLAB", "SSID", "POPS", "COAT", "COFN", "FIMP"];
 const MECHANICS: &[&str] = &["MIRR", "OEMA", "NEXT", "MEMA", "DIAM", "SCBD"];
 const SOLVES: &[&str] = &["MAZH", "PPAR", "PZUP", "VCON", "VCUR", "VDSZ", "VPAR"];
+
+/// Whether a line behind `SURF` is the surface's by its keyword, indented or not.
+pub(super) fn is_of_surface(keyword: &str) -> bool {
+    PLAIN.contains(&keyword) || within(SURFACE, keyword)
+}
 
 /// Whether a line in front of the surfaces changes nothing.
 pub(super) fn harmless_of_system(keyword: &str, rest: &[&str]) -> bool {

@@ -5,12 +5,20 @@ use crate::prescription::Medium;
 use camrig_base::Result;
 use camrig_glass::{Catalogue, Glass};
 
+/// The glasses that a file may mean.
+pub(super) struct Glasses<'a> {
+    pub catalogue: &'a Catalogue,
+    /// The catalogues that the file names (`GCAT`).
+    pub makers: &'a [String],
+    /// The wavelengths of the lens, nm.
+    pub wavelengths_nm: &'a [f64],
+}
+
 /// `GLAS name mode pickup n_d V_d ΔP_gF . . . Δn_d ΔV_d`: a catalogue glass, a mirror, a model
 /// glass (mode 1), or a catalogue glass with offsets (mode 4).
 pub(super) fn medium(
     words: &[String],
-    makers: &[String],
-    glasses: &Catalogue,
+    glasses: &Glasses<'_>,
     notes: &mut Vec<String>,
 ) -> Result<Medium> {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
@@ -31,7 +39,8 @@ pub(super) fn medium(
             false => Glass::model_off_line(nd, vd, optional(5)?)?,
         }));
     }
-    let glass = glasses.find(name, makers)?.noted(notes);
+    let found = glasses.catalogue.find(name, glasses.makers)?;
+    let glass = found.noted(glasses.wavelengths_nm, notes);
     if mode != "4" {
         return Ok(Medium::Glass(glass));
     }

@@ -7,15 +7,13 @@
 //! spiders and polygons, tilts and decentres of single surfaces' properties, cone angles, afocal
 //! systems. Keywords of editing, drawing, tolerancing and merit functions are ignored (`known.rs`),
 //! others that are not read are told; values that a pickup or solve governs are taken as they
-//! stand.
+//! stand. Lines of surfaces are known by their keywords too, where their indentation is lost.
 
 mod configurations;
 mod fields;
 mod known;
 mod material;
 mod shape;
-#[cfg(test)]
-mod tests;
 
 use super::prescription::{Aperture, Clip, Form, Medium, Object};
 use super::prescription::{Prescription, Shape, Surface};
@@ -24,6 +22,7 @@ use camrig_base::{Error, Result};
 use camrig_glass::Catalogue;
 use camrig_glass::text::{number, numbers};
 use configurations::Configurations;
+use material::Glasses;
 
 /// Object distances from which on the object counts as at infinity, in the file's unit: programs
 /// write 1e10 where they do not write INFINITY.
@@ -89,9 +88,11 @@ pub fn read_configuration(
     for (i, line) in text.lines().enumerate() {
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some((keyword, rest)) = words.split_first() else { continue };
-        let inside = line.starts_with(' ') || line.starts_with('\t');
-        let read = match (inside, file.surfaces.last_mut()) {
-            (true, Some(surface)) => {
+        // Editors and web pages strip the indentation of a surface's lines.
+        let indented = line.starts_with([' ', '\t']);
+        let by_name = !file.configurations.have_begun() && known::is_of_surface(keyword);
+        let read = match file.surfaces.last_mut().filter(|_| indented || by_name) {
+            Some(surface) => {
                 file.configurations.surface_line(keyword, rest, i + 1);
                 match surface.keyword(keyword, rest, i + 1) {
                     Ok(false) => {
@@ -101,8 +102,7 @@ pub fn read_configuration(
                     read => read.map(|_| ()),
                 }
             }
-            (true, None) => Ok(()),
-            (false, _) => file.keyword(keyword, rest, i + 1),
+            None => file.keyword(keyword, rest, i + 1),
         };
         read.map_err(|e| e.at(format!("line {}", i + 1)))?;
     }
@@ -299,8 +299,7 @@ impl Draft {
     fn surface(
         &self,
         scale: f64,
-        makers: &[String],
-        glasses: &Catalogue,
+        glasses: &Glasses<'_>,
         notes: &mut Vec<String>,
     ) -> Result<Surface> {
         let Some(thickness) = self.thickness else {
@@ -320,11 +319,26 @@ impl Draft {
             return Ok(surface);
         }
         if let Some((line, words)) = &self.glass {
-            surface.medium = material::medium(words, makers, glasses, notes)
+            surface.medium = material::medium(words, glasses, notes)
                 .map_err(|e| e.at(format!("line {line}")))?;
         }
         Ok(surface)
     }
+}
+
+/// Refuses an object that is curved, or lies in a glass.
+fn check_object(draft: &Draft, object: Object) -> Result<()> {
+    let (what, help) = match &draft.glass {
+        Some((_, words)) => {
+            let name = words.first().map_or("a glass", String::as_str);
+            (format!("the object lies in {name}"), "only objects in air are traced")
+        }
+        None if draft.curvature != 0.0 && object != Object::Infinity => {
+            ("the object surface is curved".into(), "only flat objects are traced")
+        }
+        None => return Ok(()),
+    };
+    Err(Error::unsupported(what).at(format!("line {}", draft.line)).help(help))
 }
 
 /// `PARM i v`, `XDAT i v`: puts v at place i, counted from 1.
@@ -376,16 +390,19 @@ impl File {
                 .help("object and image are flat; tilt them by a coordinate break before"));
             }
         }
+        check_object(&drafts[0], object)?;
         if drafts[image].curvature != 0.0 {
             return Err(Error::unsupported("the image surface is curved")
                 .at(format!("line {}", drafts[image].line))
                 .help("sensors are flat: set its curvature to 0"));
         }
+        let waves = self.wavelengths();
+        let glasses = Glasses { catalogue: glasses, makers: &self.makers, wavelengths_nm: &waves };
         let mut surfaces = Vec::with_capacity(lens.len());
-        let mut open = drafts[0].glass.is_none();
+        let mut open = true;
         for (i, draft) in lens.iter().enumerate() {
             let mut surface = draft
-                .surface(scale, &self.makers, glasses, &mut self.notes)
+                .surface(scale, &glasses, &mut self.notes)
                 .map_err(|e| e.at(format!("surface {} (line {})", i + 1, draft.line)))?;
             // A fixed semi-diameter of a refracting surface is an aperture too (the program makes
             // it a "floating" one); a plane in air with one is only drawn so.
@@ -406,10 +423,6 @@ impl File {
         };
         let aperture = self.aperture(scale, &lens[stop])?;
         let fields = self.fields(scale)?;
-        let mut waves = self.waves.clone();
-        if self.counts[1] > 0 {
-            waves.truncate(self.counts[1]);
-        }
         let Some(&reference_nm) = waves.get(self.primary.saturating_sub(1)) else {
             return Err(Error::input(format!(
                 "primary wavelength {} of {}",
@@ -432,6 +445,20 @@ impl File {
         };
         prescription.validate()?;
         Ok(prescription)
+    }
+
+    /// The wavelengths in use, nm.
+    fn wavelengths(&mut self) -> Vec<f64> {
+        let mut all = std::mem::take(&mut self.waves);
+        match self.counts[1] {
+            0 if all.len() > 1 => self.notes.push(format!(
+                "the file does not say how many wavelengths are in use (FTYP): all {} are taken",
+                all.len()
+            )),
+            0 => {}
+            used => all.truncate(used),
+        }
+        all
     }
 
     fn aperture(&self, scale: f64, stop: &Draft) -> Result<Aperture> {

@@ -1,8 +1,10 @@
-//! What the flags of a `.zmx` file say, and what of it is refused.
+//! What a `.zmx` file says, what of it is refused, and what is told.
 
-use super::*;
-use crate::frame::Frame;
-use crate::{Conditions, System, characterise};
+use camrig::Result;
+use camrig::lens::frame::Frame;
+use camrig::lens::prescription::Form;
+use camrig::lens::zmx::{read, read_configuration};
+use camrig::lens::{Catalogue, Conditions, Prescription, System, characterise, field};
 
 /// A plano-convex lens, curvature 0.025, of N-BK7 (n_d 1.51680), with words replaced.
 fn lens(changes: &[(&str, &str)]) -> Result<Prescription> {
@@ -137,6 +139,27 @@ fn a_configuration_is_chosen_by_number_or_title() {
     assert!(error.to_string().contains("no values for it"), "{error}");
 }
 
+/// Files of 2004 do not say which configuration is active: the surfaces do.
+#[test]
+fn the_active_configuration_is_the_one_whose_values_the_surfaces_have() {
+    let read = |number: &str, thickness: &str, name| {
+        let set = SET.replace("MNUM 2 1", number).replace("CRVT 1 2 0.02 ", "CRVT 1 2 0.025 ");
+        let text = lens_text(&[("PWAV 1", &set), ("  DISZ 75", thickness)]);
+        read_configuration(&text, &Catalogue::default(), name)
+    };
+    for (thickness, active, other) in [("  DISZ 75", 1, "2"), ("  DISZ 80", 2, "1")] {
+        let lens = read("MNUM 2", thickness, None).unwrap();
+        let words = format!("configuration {active} of 2 is taken: it is the active one, whose");
+        assert!(lens.notes[0].starts_with(&words), "{:?}", lens.notes);
+        let lens = read("MNUM 2", thickness, Some(other)).unwrap();
+        assert_eq!(lens.surfaces[1].thickness, 155.0 - thickness[7..].parse::<f64>().unwrap());
+    }
+    let note = &read("MNUM 2 1", "  DISZ 90", None).unwrap().notes[0];
+    assert!(note.contains("the surfaces have other values"), "{note}");
+    let error = read("MNUM 2 1", "  DISZ 90", Some("2")).unwrap_err().to_string();
+    assert!(error.contains("do not have the values of the active one (1)"), "{error}");
+}
+
 #[test]
 fn a_solve_keeps_another_configuration_from_being_set() {
     let solved = |line: &str| {
@@ -213,8 +236,8 @@ fn surfaces_of_other_shapes_are_read_in_the_unit_of_the_file() {
     assert!(lens.notes.iter().any(|note| note.contains("QCONASPH")), "{:?}", lens.notes);
     let landing = |lens| {
         let system = System::new(lens, Conditions::default()).unwrap();
-        let map = crate::field::Map::of(&system).unwrap();
-        let points = crate::field::points(&system, &map, &[[2.0, 3.0]], &[550.0]);
+        let map = field::Map::of(&system).unwrap();
+        let points = field::points(&system, &map, &[[2.0, 3.0]], &[550.0]);
         points.unwrap()[0].chief_mm
     };
     let (a, b) = (landing(lens), landing(inches));
@@ -301,4 +324,208 @@ fn telecentric_object_space() {
     assert!(error.contains("telecentric"), "{error}");
     let error = make(&text.replace("OBNA 0.1 0", "ENPD 4")).unwrap_err().to_string();
     assert!(error.contains("no entrance pupil"), "{error}");
+}
+
+/// A lens with what public files hold beside: lines of the system, of a surface, and of editors.
+fn notes(system: &str, surface: &str, behind: &str) -> Vec<String> {
+    let text = format!(
+        "VERS 171115\nMODE SEQ\nNAME a lens\nPFIL 0 0 0\nLANG 0\nUNIT MM X W X CM MR CPMM\n\
+         ENPD 6\nENVD 20 1 0\nGFAC 0 0\nGCAT SCHOTT\nRAIM 0 2 1 1 0 0 0 0 0\n\
+         PUSH 0 0 0 0 0 0\nSDMA 0 1 0\nOMMA 1 1\nFTYP 0 0 1 1 0 0 0\nROPD 2\nHYPR 0\nPICB 1\n\
+         XFLN 0\nYFLN 0\nFWGN 1\nVDXN 0\nVDYN 0\nVCXN 0\nVCYN 0\nVANN 0\nWAVM 1 0.55 1\nPWAV 1\n\
+         POLS 1 0 1 0 0 1 0\nGLRS 1 0\nGSTD 0 100 100 100\nNSCD 100 500 0\n\
+         COFN QF \"COATING.DAT\"\n{system}SURF 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  COMM front\n  \
+         CURV 0.025 0 0 0 0 \"\"\n  HIDE 0 0\n  MIRR 2 0\n  SLAB 1\n  DISZ 4\n  GLAS N-BK7 0 0\n  \
+         POPS 0 0\n{surface}SURF 2\n  DISZ 75\nSURF 3\n  DISZ 0\n\
+         TOL TOFF 0 0 0\nMNUM 1 1\nMOFF 0 1 \"\" 0\nEFFL 0 2 0 0 0 0 6 2\n{behind}"
+    );
+    read(&text, &Catalogue::default()).unwrap().notes
+}
+
+#[test]
+fn what_changes_nothing_is_not_told() {
+    assert_eq!(notes("", "", ""), [""; 0]);
+}
+
+#[test]
+fn keywords_of_which_nothing_is_known_are_told_once_with_their_line() {
+    for (system, surface, words) in [
+        ("ABCD 1\nABCD 2\n", "", "line 34: ABCD of the system is not known"),
+        ("VANN 0 30\n", "", "line 34: VANN of the system is not known"),
+        ("HYPR 1\n", "", "line 34: HYPR of the system is not known"),
+        ("", "  WXYZ 1\n  WXYZ 2\n", "line 46: WXYZ of a surface is not known"),
+        ("", "  IGNR 1\n", "line 46: IGNR of a surface is not known"),
+        ("GFAC 1 1.5\n", "", "line 34: GFAC is ignored"),
+        ("ENVD 40 1 1\n", "", "line 34: temperature and pressure are ignored"),
+        ("RAIM 0 0 1 1\n", "", "line 34: ray aiming is off"),
+    ] {
+        let notes = notes(system, surface, "");
+        assert!(notes.len() == 1 && notes[0].starts_with(words), "{notes:?} for {words}");
+    }
+    // Operands of a merit function have any name.
+    assert_eq!(notes("", "", "QXYZ 1 2 0\n"), [""; 0]);
+}
+
+#[test]
+fn a_missing_unit_and_fields_off_the_plane_are_told() {
+    let text = |unit: &str, x: f64| {
+        format!(
+            "{unit}ENPD 6\nFTYP 0 0 1 1\nXFLN {x}\nYFLN 0\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  \
+             DISZ INFINITY\nSURF 1\n  STOP\n  CURV 0.025\n  DISZ 4\n  GLAS 1.5:60\nSURF 2\n  \
+             DISZ 75\nSURF 3\n  DISZ 0\n"
+        )
+    };
+    let notes = |text: &str| read(text, &Catalogue::default()).unwrap().notes;
+    assert_eq!(notes(&text("UNIT MM\n", 0.0)), [""; 0]);
+    assert!(notes(&text("", 0.0))[0].contains("millimetres are assumed"));
+    assert!(notes(&text("UNIT MM\n", 3.0))[0].contains("fields off the y axis"));
+}
+
+/// Files of 2004 have the vignetting of three fields in an older form, too; it counts where it is
+/// alone.
+#[test]
+fn the_older_form_of_vignetting_counts_where_it_is_alone() {
+    let read = |lines: &str| {
+        let text = format!(
+            "UNIT MM\nENPD 6\nFTYP 0 0 2 1\nXFLN 0 0\nYFLN 0 5\n{lines}WAVM 1 0.55 1\nPWAV 1\n\
+             SURF 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  CURV 0.025\n  DISZ 4\n  GLAS 1.5:60\nSURF 2\n  \
+             DISZ 75\nSURF 3\n  DISZ 0\n"
+        );
+        read(&text, &Catalogue::default()).unwrap().fields.vignetting
+    };
+    let (old, new) = ("ZVCY 0 0.2\n", "VCYN 0 0.3\n");
+    assert_eq!(read(old)[1], [0.0, 0.0, 0.2, 0.2]);
+    for both in [format!("{old}{new}"), format!("{new}{old}")] {
+        assert_eq!(read(&both)[1], [0.0, 0.0, 0.3, 0.3]);
+    }
+}
+
+/// Web pages and editors strip blanks at the start of lines.
+#[test]
+fn a_file_without_indentation_is_the_same_lens() {
+    let behind = "PWAV 1\nMNUM 1 1\nTOL TOFF 0 0 0\nEFFL 0 2 0 0 0 0 6 2\n";
+    let text = lens_text(&[("  CURV 0.025", "  TYPE EVENASPH\n  PARM 2 1e-5\n  CURV 0.025")]);
+    let stripped: Vec<&str> = text.lines().map(str::trim_start).collect();
+    let read = |text: &str| read(text, &Catalogue::default()).unwrap();
+    let right = read(&format!("{text}{behind}"));
+    assert_eq!(right.surfaces[0].even, [0.0, 1e-5]);
+    assert_eq!(read(&format!("{}\n{behind}", stripped.join("\n"))), right);
+    // The other way round: the unit counts where it is indented.
+    let inches = |unit: &str| read(&text.replace("UNIT MM", unit));
+    assert_eq!(inches("  UNIT IN"), inches("UNIT IN"));
+}
+
+#[test]
+fn a_curved_object_and_one_in_a_glass_are_refused() {
+    let near = "SURF 0\n  DISZ 500\n";
+    for (object, words) in [
+        (format!("{near}  GLAS N-BK7 0 0\n"), "the object lies in N-BK7"),
+        (format!("{near}  CURV 0.002 0\n"), "the object surface is curved"),
+        ("SURF 0\n  DISZ INFINITY\n  GLAS WATER 0 0\n".into(), "the object lies in WATER"),
+    ] {
+        let error = lens(&[("SURF 0\n  DISZ INFINITY\n", &object)]).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("line 11"), "{error}");
+    }
+    let far = "SURF 0\n  DISZ INFINITY\n  CURV 0.002 0\n";
+    assert!(lens(&[("SURF 0\n  DISZ INFINITY\n", far)]).is_ok());
+}
+
+#[test]
+fn numbers_of_fields_and_wavelengths_that_are_not_given() {
+    let lens = lens(&[
+        ("FTYP 0 0 2 1 0 0 0", "FTYP 0"),
+        ("XFLN 0 0", "XFLN 0 0 0 0 0 0 0"),
+        ("YFLN 0 4", "YFLN 0 1 2 3 4 0 0"),
+    ])
+    .unwrap();
+    assert_eq!(lens.fields.values, [0.0, 1.0, 2.0, 3.0, 4.0]);
+    assert_eq!(lens.wavelengths_nm, [587.5618, 920.0]);
+    assert!(lens.notes[0].contains("all 2 are taken"), "{:?}", lens.notes);
+}
+
+/// The same pupil, told from other sides, makes the same apertures: a lens behind the stop, whose
+/// fields lie on either side of the axes.
+#[test]
+fn vignetting_factors_have_the_sense_of_their_field() {
+    let radius = |kind: &str, object: &str, fields: [f64; 2], factors: [f64; 4]| {
+        let ([x, y], [dx, dy, cx, cy]) = (fields, factors);
+        let text = format!(
+            "UNIT MM\nENPD 4\nFTYP {kind} 0 2 1\nXFLN 0 {x}\nYFLN 0 {y}\nVDXN 0 {dx}\nVDYN 0 \
+             {dy}\nVCXN 0.5 {cx}\nVCYN 0.5 {cy}\nWAVM 1 0.55 1\nPWAV 1\nSURF 0\n  DISZ \
+             {object}\nSURF 1\n  STOP\n  DISZ 10\nSURF 2\n  CURV 0.02\n  DISZ 3\n  GLAS 1.5:60\n\
+             SURF 3\n  DISZ 90\nSURF 4\n  DISZ 0\n"
+        );
+        let lens = read(&text, &Catalogue::default()).unwrap();
+        let system = System::new(lens, Conditions::default()).unwrap();
+        system.prescription.surfaces[1].clips[0].outer
+    };
+    let far = |fields, factors| radius("0", "INFINITY", fields, factors);
+    // The upper edge of the pupil, at 0.1 + 0.7 of its radius; 10 mm behind it the beam of 10° is
+    // 10 tan 10° higher.
+    let upper = far([0.0, 10.0], [0.0, 0.1, 0.3, 0.3]);
+    assert!((upper - (1.6 + 10.0 * 10.0_f64.to_radians().tan())).abs() < 0.1, "{upper}");
+    let lower = far([0.0, 10.0], [0.0, -0.1, 0.3, 0.3]);
+    assert!(upper - lower > 0.3, "{upper} {lower}");
+    let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+    near(far([0.0, -10.0], [0.0, -0.1, 0.3, 0.3]), upper);
+    near(far([10.0, 0.0], [0.1, 0.0, 0.3, 0.3]), upper);
+    near(far([-10.0, 0.0], [-0.1, 0.0, 0.3, 0.3]), upper);
+    let across = |dx| far([0.0, 10.0], [dx, 0.0, 0.1, 0.9]);
+    near(across(-0.1), across(0.1));
+    // An object above the axis sends light downwards; its image lies below.
+    let high = |kind, y, dy| radius(kind, "50", [0.0, y], [0.0, dy, 0.3, 0.3]);
+    let steep = 8.0_f64.atan2(50.0).to_degrees();
+    near(high("1", 8.0, -0.1), high("0", steep, 0.1));
+    near(high("1", -8.0, 0.1), high("0", steep, 0.1));
+}
+
+#[test]
+fn vignetting_factors_beside_apertures_are_told() {
+    let notes = |aperture: &str| {
+        let factors = "YFLN 0 4\nVCYN 0 0.2";
+        let lens = [("YFLN 0 4", factors), ("  CURV 0.025\n", aperture)];
+        system(&lens).prescription.notes
+    };
+    let told = notes("  CURV 0.025\n  FLAP 0 3 0\n");
+    assert!(told[0].contains("passed over, as surfaces have apertures"), "{told:?}");
+    let told = notes("  CURV 0.025\n");
+    assert!(told[0].contains("follow from the vignetting factors"), "{told:?}");
+}
+
+/// The stop in front of a lens is its entrance pupil: its radius is the distance times the slope of
+/// the numerical aperture.
+#[test]
+fn a_numerical_aperture_kept_for_another_object_is_told() {
+    let at = |aperture: &str, distance| {
+        let lens = lens(&[("ENPD 6", aperture), ("  DISZ INFINITY", "  DISZ 200")]).unwrap();
+        let conditions = Conditions { object_distance_mm: distance, ..Conditions::default() };
+        System::new(lens, conditions).unwrap()
+    };
+    let far = at("OBNA 0.02 0", Some(400.0));
+    let slope = 0.02 / (1.0_f64 - 0.02 * 0.02).sqrt();
+    assert!((far.stop_radius_mm - 400.0 * slope).abs() < 1e-9, "{}", far.stop_radius_mm);
+    let note = &far.prescription.notes[0];
+    let words = format!("is {:.6} mm instead of {:.6} mm", 400.0 * slope, 200.0 * slope);
+    assert!(note.contains(&words), "{note}");
+    for quiet in [at("OBNA 0.02 0", None), at("ENPD 6", Some(400.0)), at("FNUM 5 0", Some(1e3))] {
+        let notes = &quiet.prescription.notes;
+        assert!(!notes.iter().any(|note| note.contains("aperture is kept")), "{notes:?}");
+    }
+}
+
+/// In thin-lens optics the spot of an object at infinity is as wide as the pupil, times the
+/// defocus over the focal length.
+#[test]
+fn a_sensor_far_out_of_focus_is_told() {
+    let notes = |behind: &str| {
+        let image = format!("SURF 2\n  DISZ {behind}");
+        system(&[("SURF 2\n  DISZ 75", &image)]).prescription.notes
+    };
+    assert_eq!(notes("75"), [""; 0]);
+    assert_eq!(notes("70"), [""; 0]);
+    // The stop is the first surface; the exit pupil is its image 4 mm/1.5168 in front of the last.
+    let (image, pupil) = (40.0 / 0.5168 - 4.0 / 1.5168, -4.0 / 1.5168);
+    let part = 100.0 * (image - 60.0) / (image - pupil);
+    let told = notes("60");
+    assert!(told[0].contains(&format!("a spot of {part:.0} % of the exit pupil")), "{told:?}");
 }

@@ -1,10 +1,10 @@
 //! The files that a script leaves, in the layout of each program, come back as the lens that wrote
 //! them.
 
-use super::*;
-use crate::characterise::{self, Plan, PsfMethod};
-use crate::{Catalogue, Conditions, System, import, toml};
-use camrig_optics::Characterisation;
+use camrig::lens::characterise::{self, Plan, PsfMethod};
+use camrig::lens::macros::{Export, Program};
+use camrig::lens::{Catalogue, Conditions, System, import, toml};
+use camrig::optics::Characterisation;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -63,7 +63,7 @@ fn write_tables(folder: &Path, lens: &Characterisation) {
          refWave=587.6;\nfov=12;\nefl={:.9};\nfnumber_eff=6;\nfnumber={:.9};\n",
         export.psf_size,
         export.psf_spacing_um * 1e-3,
-        matlab(&export.wavelengths_nm),
+        "[486.1 587.6 656.3]",
         export.heights,
         lens.heights_mm[3],
         lens.efl_mm,
@@ -192,6 +192,9 @@ fn scripts_are_filled_in_and_name_the_files_that_the_reader_wants() {
         }
         assert!(text.lines().all(|l| l.chars().count() <= 100), "{program:?}");
     }
+    for program in [Program::OpticStudio, Program::OpticStudioZpl] {
+        assert!(export().script(program).unwrap().contains("the lens is not in millimetres"));
+    }
     let script = export().script(Program::CodeV).unwrap();
     // The middle of 4 heights: atan(1/3·tan 12°).
     assert!(script.contains("^angles(2) == 4.05"), "{script}");
@@ -199,9 +202,14 @@ fn scripts_are_filled_in_and_name_the_files_that_the_reader_wants() {
 
 #[test]
 fn wavelengths_are_written_as_the_parameter_file_has_them() {
-    assert_eq!(matlab(&[400.0, 450.0, 500.0]), "400:50:500");
-    assert_eq!(matlab(&[400.0, 410.0, 500.0]), "[400 410 500]");
-    assert_eq!(matlab(&[550.0]), "[550]");
+    for (wavelengths_nm, written) in [
+        (vec![400.0, 450.0, 500.0], "wave=400:50:500"),
+        (vec![400.0, 410.0, 500.0], "wave=[400 410 500]"),
+        (vec![550.0], "wave=[550]"),
+    ] {
+        let script = Export { wavelengths_nm, ..export() }.script(Program::CodeV).unwrap();
+        assert!(script.contains(&format!("\"{written}\"")), "{written}");
+    }
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! What a `.seq` file says, and what of it is refused.
 
-use super::*;
-use crate::prescription::Medium;
-use crate::{Conditions, System};
+use camrig::Result;
+use camrig::lens::prescription::{Aperture, Clip, Medium, Object};
+use camrig::lens::seq::{read, read_position};
+use camrig::lens::{Catalogue, Conditions, Prescription, System};
 
 /// A biconvex lens of focal length 78.23 mm behind `head`, with `more` after its first surface.
 fn lens(head: &str, more: &str) -> Result<Prescription> {
@@ -129,10 +130,44 @@ fn zoom_positions_are_chosen_by_number() {
     assert_eq!(third.surfaces[1].thickness, 2.5);
     assert_eq!(third.aperture, Aperture::EntrancePupil(8.0));
     assert_eq!(third.fields.values, [0.0, 4.0]);
-    assert_eq!(third.object, crate::prescription::Object::Distance(500.0));
+    assert_eq!(third.object, Object::Distance(500.0));
     let first = read(None).unwrap();
     assert_eq!((first.surfaces[1].thickness, &first.fields.values[..]), (9.0, &[0.0, 8.0][..]));
     assert!(first.notes.iter().any(|n| n.contains("zoom position 1 of 3")), "{:?}", first.notes);
     let error = read(Some("4")).unwrap_err().to_string();
     assert!(error.contains("zoom positions 1 to 3"), "{error}");
+}
+
+#[test]
+fn fields_are_of_one_kind() {
+    let read = |fields: &str| {
+        let text = format!(
+            "RDM; EPD 6; DIM M; WL 587.6; {fields}; SO 0 900; S 80 5 NBK7_SCHOTT; STO; S -80 75; \
+             SI 0 0"
+        );
+        read(&text, &Catalogue::default())
+    };
+    let error = read("YAN 0 10; XOB 1 2").unwrap_err().to_string();
+    assert!(error.contains("XOB: fields of another kind") && error.contains("line 1"), "{error}");
+    let places = |fields: &str| read(fields).unwrap().fields.places;
+    assert_eq!(places("XAN 0 0; YOB 0 10"), [[0.0, 0.0], [0.0, 10.0]]);
+    assert_eq!(places("YOB 0 10; XAN 0 0"), [[0.0, 0.0], [0.0, 10.0]]);
+    assert_eq!(places("YAN 0 10; YOB 3"), [[0.0, 3.0]]);
+    assert_eq!(places("XOB 1 2"), [[1.0, 0.0], [2.0, 0.0]]);
+}
+
+#[test]
+fn a_surface_behind_the_image_is_refused() {
+    let text = "RDM; EPD 6; DIM M; WL 587.6; YAN 0; SO 0 1e13; S 80 5 NBK7_SCHOTT; STO; S -80 75\n\
+                SI 0 0\nS 0 5\nGO";
+    let error = read(text, &Catalogue::default()).unwrap_err().to_string();
+    assert!(error.contains("behind the image (SI)") && error.contains("line 3"), "{error}");
+}
+
+#[test]
+fn a_vignetting_factor_in_x_is_for_both_sides() {
+    let vignetting =
+        |factors: &str| lens("RDM; EPD 6", &format!("STO; {factors}")).unwrap().fields.vignetting;
+    assert_eq!(vignetting("VUX 0.2"), [[0.2, 0.2, 0.0, 0.0]]);
+    assert_eq!(vignetting("VUX 0.2; VLX 0.1; VUY 0.3"), [[0.2, 0.1, 0.3, 0.0]]);
 }
