@@ -203,9 +203,9 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     Ok(Frames { planes, facts })
 }
 
-/// Whether every record ends within the bytes that hold it, and every text within its record,
-/// those of chunks too that are not compressed: `mcap` adds to the lengths that they state, and
-/// takes memory for them, as if they did.
+/// Whether every record ends within the bytes that hold it, and every text within its record, and
+/// whether the records of chunks that are not compressed fill what they are said to: `mcap`
+/// calculates with the lengths that they state, and takes memory for them, as if they did.
 fn records_end_within(mut rest: &[u8], in_chunk: bool) -> bool {
     // An opcode and a length.
     const HEAD: usize = 9;
@@ -219,59 +219,74 @@ fn records_end_within(mut rest: &[u8], in_chunk: bool) -> bool {
         match head[0] {
             _ if in_chunk => rest = next,
             op::FOOTER => return true,
-            op::CHUNK if !records_end_within(records_of_chunk(record), true) => return false,
+            op::CHUNK if !chunk_is_filled(record) => return false,
             _ => rest = next,
         }
     }
-    true
+    rest.is_empty() || !in_chunk
 }
 
-/// Whether the texts of a record end within it: each is its length and its bytes.
+/// What stands in a record.
+enum Field {
+    /// So many bytes.
+    Bytes(usize),
+    /// A length, and as many bytes: a text, or an array or a map of numbers.
+    Text,
+    /// A length, and texts that fill it.
+    Texts,
+}
+
+/// The fields of a record, up to the last text.
+fn fields(kind: u8) -> &'static [Field] {
+    use Field::{Bytes, Text, Texts};
+    match kind {
+        op::HEADER => &[Text, Text],
+        op::SCHEMA => &[Bytes(2), Text, Text, Text],
+        op::CHANNEL => &[Bytes(4), Text, Text, Texts],
+        op::CHUNK => &[Bytes(28), Text],
+        op::CHUNK_INDEX => &[Bytes(32), Text, Bytes(8), Text],
+        op::ATTACHMENT => &[Bytes(16), Text, Text],
+        op::ATTACHMENT_INDEX => &[Bytes(40), Text, Text],
+        op::METADATA => &[Text, Texts],
+        op::METADATA_INDEX => &[Bytes(16), Text],
+        _ => &[],
+    }
+}
+
+/// Whether the texts of a record end within it.
 fn texts_end_within(kind: u8, record: &[u8]) -> bool {
-    // Bytes before the first text, and texts before a map of them if there is one, which is the
-    // length of all its texts and these.
-    let (before, texts, map) = match kind {
-        op::HEADER => (0, 2, false),
-        op::SCHEMA => (2, 3, false),
-        op::CHANNEL => (4, 2, true),
-        op::CHUNK => (28, 1, false),
-        op::ATTACHMENT => (16, 2, false),
-        op::METADATA => (0, 1, true),
-        _ => return true,
-    };
     fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
         let (length, rest) = bytes.split_first_chunk()?;
         rest.split_at_checked(u32::from_le_bytes(*length) as usize)
     }
-    let Some(mut rest) = record.get(before..) else { return false };
-    for _ in 0..texts {
-        let Some((_, after)) = split(rest) else { return false };
+    let mut rest = record;
+    for field in fields(kind) {
+        let found = match field {
+            Field::Bytes(count) => rest.split_at_checked(*count),
+            Field::Text | Field::Texts => split(rest),
+        };
+        let Some((content, after)) = found else { return false };
+        let mut texts = if matches!(field, Field::Texts) { content } else { &[] };
+        while !texts.is_empty() {
+            let Some((_, after)) = split(texts) else { return false };
+            texts = after;
+        }
         rest = after;
-    }
-    let mut mapped = match (map, split(rest)) {
-        (false, _) => return true,
-        (true, None) => return false,
-        (true, Some((texts, _))) => texts,
-    };
-    while !mapped.is_empty() {
-        let Some((_, after)) = split(mapped) else { return false };
-        mapped = after;
     }
     true
 }
 
-/// The records within a chunk; none where they are compressed.
-fn records_of_chunk(chunk: &[u8]) -> &[u8] {
+/// Whether the records of a chunk fill what is said to hold them, where they are not compressed.
+fn chunk_is_filled(chunk: &[u8]) -> bool {
     // Two times, the length when unpacked and its checksum; the length of the compression's name,
     // which is 0 without any, and that of the records.
     const BEFORE: usize = 28;
-    let lengths = chunk.get(BEFORE..).and_then(|rest| rest.split_first_chunk::<12>());
-    match lengths {
-        Some(([0, 0, 0, 0, stated @ ..], records)) => {
+    match chunk.get(BEFORE..).and_then(|rest| rest.split_first_chunk::<12>()) {
+        Some(([0, 0, 0, 0, stated @ ..], rest)) => {
             let stated = usize::try_from(u64::from_le_bytes(*stated)).unwrap_or(usize::MAX);
-            &records[..stated.min(records.len())]
+            rest.get(..stated).is_some_and(|records| records_end_within(records, true))
         }
-        _ => &[],
+        _ => true,
     }
 }
 
@@ -326,10 +341,13 @@ mod tests {
             [&[opcode][..], &length.to_le_bytes(), content].concat()
         };
         let lying = record(op::MESSAGE, u64::MAX, &[0; 40]);
-        let mut chunk = vec![0; 32];
-        chunk.extend((lying.len() as u64).to_le_bytes());
-        chunk.extend(&lying);
-        let chunk = record(op::CHUNK, chunk.len() as u64, &chunk);
+        let chunk = |stated: u64, records: &[u8]| {
+            let content = [&[0; 32][..], &stated.to_le_bytes(), records].concat();
+            record(op::CHUNK, content.len() as u64, &content)
+        };
+        let holding_it = chunk(lying.len() as u64, &lying);
+        // Part of a record's head, and records that are not there.
+        let (cut, missing) = (chunk(4, &[0; 4]), chunk(40, &[0; 9]));
         // Texts that state nearly 2³² bytes: a schema's name, the second text of a channel's map.
         let text = |length: u32, content: &[u8]| [&length.to_le_bytes()[..], content].concat();
         let name = [&[1, 0][..], &text(u32::MAX - 9, &[0; 40])].concat();
@@ -338,7 +356,9 @@ mod tests {
         let (topic, map) = ([text(1, b"t"), text(0, b"")].concat(), text(map.len() as u32, &map));
         let channel = [&[1, 0, 1, 0][..], &topic, &map].concat();
         let channel = record(op::CHANNEL, channel.len() as u64, &channel);
-        for records in [lying, chunk, schema, channel] {
+        let index = [&[0; 16][..], &text(1 << 29, &[0; 4])].concat();
+        let index = record(op::METADATA_INDEX, index.len() as u64, &index);
+        for records in [lying, holding_it, cut, missing, schema, channel, index] {
             let error = decode(&[MAGIC, &records].concat()).err().unwrap().to_string();
             assert!(error.contains("longer than what holds it"), "{error}");
         }
