@@ -1,9 +1,9 @@
 //! Scenes given band by band as mixtures of a few components.
 //!
-//! Curves are chosen for the spectra of the first scene, at places all over it, and serve all: what
-//! they leave out of the others is found pixel by pixel, as it is for the first. White is a
-//! reflectance of 1; of radiance, the mean spectrum of the scene with the light of its brightest
-//! place. Planes are read one after another, twice, or three times for the first scene: memory is
+//! Curves are chosen for the spectra of the first scene that is not black, at places all over it,
+//! and serve all: what they leave out of the others is found pixel by pixel, as it is for the
+//! first. White is a reflectance of 1; of radiance, the mean spectrum of the scene with the light
+//! of its brightest place, and a little in every band. Planes are read one after another, twice, or three times for the first scene: memory is
 //! that of the components.
 
 use super::mixture::{Curves, Mixed, Mixer};
@@ -13,11 +13,16 @@ use std::sync::PoisonError;
 
 /// Places along each side at which spectra are sampled.
 const PLACES: usize = 32;
+/// Light of a white of radiance in every band, as a part of its mean: a channel that sees nothing
+/// of the first scene may see something of the next.
+const LEAST: f64 = 1e-3;
 
 /// Curves, and the spectrum that counts as white.
 pub struct OfBands {
     curves: Curves,
     white: Vec<f64>,
+    /// Whether the scene for which they were chosen is not black.
+    is_lit: bool,
 }
 
 /// Reads one band.
@@ -30,34 +35,37 @@ impl Mixer {
     /// Those of `read`.
     pub fn mix_bands(&self, reflectance: bool, read: Read<'_>) -> Result<Mixed> {
         let mut kept = self.of_bands.lock().unwrap_or_else(PoisonError::into_inner);
-        let OfBands { curves, white } = match &mut *kept {
-            Some(kept) => kept,
-            none => none.insert(self.chosen(reflectance, read)?),
+        let chosen = match kept.take() {
+            Some(chosen) => chosen,
+            None => self.chosen(reflectance, read)?,
         };
+        let OfBands { curves, white, is_lit } = &chosen;
         let planes = components(&curves.takes(), read)?;
         let of_channels = curves.of_channels(self.seen().len());
         let relative = self.seen().iter().map(|seen| {
-            let of_white: f64 = seen.iter().zip(&*white).map(|(s, w)| s * w).sum();
+            let of_white: f64 = seen.iter().zip(white).map(|(s, w)| s * w).sum();
             seen.iter().map(|s| if of_white > 0.0 { s / of_white } else { 0.0 }).collect()
         });
         let left_out = left_out(&of_channels, &relative.collect::<Vec<_>>(), &planes, read)?;
+        if *is_lit {
+            *kept = Some(chosen);
+        }
         Ok(Mixed { curves: of_channels, planes, left_out })
     }
 
     fn chosen(&self, reflectance: bool, read: Read<'_>) -> Result<OfBands> {
         let samples = samples(self.seen()[0].len(), read)?;
-        let bands = 0..samples[0].len();
-        let white: Vec<f64> = if reflectance {
-            bands.map(|_| 1.0).collect()
+        let sums = samples.iter().map(|spectrum| spectrum.iter().sum::<f64>());
+        let (all, brightest) = sums.fold((0.0, 0.0f64), |(a, m), sum| (a + sum, m.max(sum)));
+        let bands = samples[0].len();
+        let white = if reflectance || all == 0.0 {
+            vec![1.0; bands]
         } else {
-            let sums = samples.iter().map(|spectrum| spectrum.iter().sum::<f64>());
-            let (all, brightest) = sums.fold((0.0, 0.0f64), |(a, m), sum| (a + sum, m.max(sum)));
-            let scale = if all > 0.0 { brightest / all } else { 0.0 };
-            bands
-                .map(|b| scale * samples.iter().map(|spectrum| spectrum[b]).sum::<f64>())
-                .collect()
+            let mean = |b| samples.iter().map(|spectrum| spectrum[b]).sum::<f64>() / all;
+            let least = LEAST / bands as f64;
+            (0..bands).map(|b| brightest * (mean(b) + least)).collect()
         };
-        Ok(OfBands { curves: self.curves_for(&samples, &white), white })
+        Ok(OfBands { curves: self.curves_for(&samples, &white), white, is_lit: all > 0.0 })
     }
 }
 
@@ -167,6 +175,32 @@ mod tests {
                     assert!(mixed.planes.len() <= 5, "{}", mixed.planes.len());
                     assert!(mixed.left_out < 1e-5, "{}", mixed.left_out);
                 }
+            }
+        }
+    }
+
+    /// A channel that sees nothing of the first scenes, black or of one colour, sees the next.
+    #[test]
+    fn what_is_chosen_for_a_dark_scene_hides_no_later_one() {
+        for components in [Components::PerChannel, Components::Shared(12)] {
+            let mixer = Mixer::new(seen(), components);
+            let black = |_: usize| Ok(Plane::filled(50, 40, 0.0));
+            let red = |b: usize| Ok(Plane::filled(50, 40, if b > 35 { 1.0 } else { 0.0 }));
+            assert_eq!(mixer.mix_bands(false, &black).unwrap().left_out, 0.0);
+            mixer.mix_bands(false, &red).unwrap();
+            let mixed = mixer.mix_bands(false, &|b| Ok(band(b))).unwrap();
+            for (seen, curves) in mixer.seen().iter().zip(&mixed.curves) {
+                let direct: f64 =
+                    (0..BANDS).map(|b| seen[b] * f64::from(band(b).data[1999])).sum();
+                let of_curve = |(curve, plane): (&Vec<f64>, &Plane<f32>)| {
+                    let of_unit: f64 = seen.iter().zip(curve).map(|(s, c)| s * c).sum();
+                    of_unit * f64::from(plane.data[1999])
+                };
+                let mixture: f64 = curves.iter().zip(&mixed.planes).map(of_curve).sum();
+                assert!(
+                    (mixture / direct - 1.0).abs() < 1e-5,
+                    "{components:?}: {mixture} {direct}"
+                );
             }
         }
     }
