@@ -203,6 +203,8 @@ def controls(console):
     console.until("state.settings.auto_exposure && Math.abs(state.settings.exposure_s - 0.005) > 1e-4")
     console.until("""(() => { const v = [...picture.frame.samples].sort((a, b) => a - b)[Math.floor(0.99 * picture.frame.samples.length)];
         return Math.abs((v - picture.frame.black) / (picture.frame.white_level_dn - picture.frame.black) - 0.85) < 0.1; })()""")
+    # The box follows the state with the next picture of the page: a click before that would tick it once more.
+    console.until("document.getElementById('auto').checked")
     console.ask("document.getElementById('auto').click()")
     console.until("!state.settings.auto_exposure")
     console.view.select_option("#illuminant", "A")
