@@ -90,8 +90,8 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
     own.nm = Some(nm);
     let header = &meta.headers[chosen.part];
-    let window = Window::of(path, header, 1, MOST_PIXELS)?;
-    own.notes.extend(window.note());
+    let (window, note) = Window::of(path, header, 1, MOST_PIXELS)?.whole_part();
+    own.notes.extend(note);
     let source = Channels {
         path: path.into(),
         window,
@@ -268,7 +268,7 @@ fn wavelength_nm(text: &str) -> Option<f64> {
 }
 
 /// Where the pixels of a part lie in the image: its data window in the display window, which is
-/// what is seen.
+/// what is seen of a picture.
 #[derive(Clone, Copy)]
 pub(super) struct Window {
     /// Width and height of the image.
@@ -314,6 +314,19 @@ impl Window {
                 stored.0, stored.1, first.0, first.1, size.0, size.1
             )
         })
+    }
+
+    /// The part by itself, as the scene of a cube is all that it holds, and what to say of that.
+    fn whole_part(self) -> (Self, Option<String>) {
+        let Self { size, stored, first } = self;
+        let note = ((size, first) != (stored, (0, 0))).then(|| {
+            format!(
+                "its pixels, {} x {} from column {}, row {} on, are the scene, not its display \
+                 window of {} x {}",
+                stored.0, stored.1, first.0, first.1, size.0, size.1
+            )
+        });
+        (Self { size: stored, first: (0, 0), ..self }, note)
     }
 
     /// The image of a plane of the part.
@@ -503,5 +516,23 @@ mod tests {
         assert!((other.band(20).unwrap().data[4] - 0.91).abs() < 1e-6);
         let message = crate::open_file(&format!("{spec}:array=c")).err().unwrap().to_string();
         assert!(message.contains("\"a\", \"b\""), "{message}");
+    }
+
+    #[test]
+    fn the_scene_of_a_cube_is_its_data_window_whatever_is_displayed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("crop.exr");
+        let names: Vec<String> = (0..31).map(|b| format!("S0.{},0nm", 400 + 10 * b)).collect();
+        let window = ImageAttributes::new(IntegerBounds::from_dimensions((64, 48)));
+        let mut crop = layer(&names, "spectra");
+        crop.attributes.layer_position = Vec2(8, 4);
+        Image::from_layers(window, vec![crop]).write().to_file(&path).unwrap();
+        let cube = crate::open_file(path.to_str().unwrap()).unwrap();
+        assert_eq!(cube.size(), (3, 2));
+        assert!((cube.band(20).unwrap().data[4] - 0.6).abs() < 1e-6);
+        let notes = cube.notes().join("\n");
+        let words =
+            "3 x 2 from column 8, row 4 on, are the scene, not its display window of 64 x 48";
+        assert!(notes.contains(words), "{notes}");
     }
 }
