@@ -19,7 +19,8 @@ pub struct LampArgs {
     /// A lamp whose light changes with time: mains:hz=100,depth=0.3 (the light's frequency, twice
     /// that of the mains) or pulse:hz=90,duty=0.1; phase=PERIODS; share=PART of the light, the rest
     /// being steady or other lamps'; region=X,Y,WIDTH,HEIGHT, as parts of the frame, of a lamp that
-    /// alone lights that part of a still scene, and no other region. Needs [sensor.timing] in the camera file
+    /// alone lights that part of a still scene, and no other region. Needs [sensor.timing] in the
+    /// camera file
     #[arg(long = "lamp", value_name = "WAVE")]
     pub lamps: Vec<Lamp>,
 }

@@ -207,8 +207,8 @@ fn pixel_size_against_snr_and_mtf() {
     }
 }
 
-/// Dark frames are of a sensor at its exposure, whatever it looks at and in which light: pictures of
-/// all scenes and levels share them, and a sweep of some of these pictures has the same.
+/// Dark frames are of a sensor at its exposure, whatever it looks at and in which light: pictures
+/// of all scenes and levels share them, and a sweep of some of these pictures has the same.
 #[test]
 fn pictures_of_one_sensor_share_its_dark_frames() {
     let dir = tempfile::tempdir().unwrap();
@@ -250,8 +250,8 @@ fn pictures_of_one_sensor_share_its_dark_frames() {
     let all = ranges("all", "\"uniform:0.1\", \"ramp\", \"dots\"", "30, 300");
     assert!(all.len() >= 6 && all.values().all(|ranges| ranges.len() == 1), "{all:?}");
     assert_eq!(all, ranges("some", "\"dots\"", "300"));
-    // Read noise and half an electron (EMVA 1288), beside steps of 0.4 electrons, in the same random
-    // numbers: 0.1 dB is what 8 % does, three standard errors of 768 samples.
+    // Read noise and half an electron (EMVA 1288), beside steps of 0.4 electrons, in the same
+    // random numbers: 0.1 dB is what 8 % does, three standard errors of 768 samples.
     let of = |read: f64| {
         let of_read = all.iter().filter(move |((r, _), _)| r.parse::<f64>() == Ok(read));
         of_read.map(|(_, ranges)| ranges[0])

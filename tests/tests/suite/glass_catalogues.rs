@@ -14,8 +14,8 @@ fn n_bk7(b1: f64) -> String {
 /// B1 of the maker.
 const SCHOTT: f64 = 1.03961212;
 /// What is told of 0.003 more: at the d line n = 1.516800, n² + 0.0030531.
-const TOLD: &str = "glass N-BK7 is that of schott.agf, not the built-in one of SCHOTT: n_d 1.517806 \
-                    instead of 1.516800 (+1.0e-3)";
+const TOLD: &str = "glass N-BK7 is that of schott.agf, not the built-in one of SCHOTT: n_d \
+                    1.517806 instead of 1.516800 (+1.0e-3)";
 
 /// A small frame through the lens of `camera.toml`.
 const SIMULATE: &str = "simulate --camera ./camera.toml --set sensor.width=24 \

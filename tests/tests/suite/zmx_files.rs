@@ -388,8 +388,8 @@ fn the_older_form_of_vignetting_counts_where_it_is_alone() {
     let read = |lines: &str| {
         let text = format!(
             "UNIT MM\nENPD 6\nFTYP 0 0 2 1\nXFLN 0 0\nYFLN 0 5\n{lines}WAVM 1 0.55 1\nPWAV 1\n\
-             SURF 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  CURV 0.025\n  DISZ 4\n  GLAS 1.5:60\nSURF 2\n  \
-             DISZ 75\nSURF 3\n  DISZ 0\n"
+             SURF 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  CURV 0.025\n  DISZ 4\n  GLAS 1.5:60\n\
+             SURF 2\n  DISZ 75\nSURF 3\n  DISZ 0\n"
         );
         read(&text, &Catalogue::default()).unwrap().fields.vignetting
     };

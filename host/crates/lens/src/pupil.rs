@@ -504,8 +504,8 @@ impl Outline {
 
     /// Projected solid angle of the exit pupil, `pupil_mm` in front of the sensor, seen from the
     /// sensor's axis, sr. It is [`Self::projected_solid_angle`] where the rays meet there. Of a
-    /// sensor out of focus it is that of the rays which arrive there from all of the scene, to first
-    /// order in how far the rays of one point miss it.
+    /// sensor out of focus it is that of the rays which arrive there from all of the scene, to
+    /// first order in how far the rays of one point miss it.
     #[must_use]
     pub(super) fn projected_solid_angle_from_sensor(&self, pupil_mm: f64) -> f64 {
         self.extent.copies() * self.area(|point| point.towards_axis(pupil_mm))

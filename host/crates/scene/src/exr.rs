@@ -304,29 +304,31 @@ impl Window {
         Ok(Self { size, stored, first })
     }
 
+    /// Which pixels the part has, in words; none where they are those of the image.
+    fn other_pixels(&self) -> Option<String> {
+        let Self { size, stored: (width, height), first: (column, row) } = *self;
+        ((size, self.first) != ((width, height), (0, 0)))
+            .then(|| format!("its pixels, {width} x {height} from column {column}, row {row} on,"))
+    }
+
     /// What to say where the part is not the image.
     pub fn note(&self) -> Option<String> {
-        let Self { size, stored, first } = *self;
-        ((size, first) != (stored, (0, 0))).then(|| {
+        let (width, height) = self.size;
+        self.other_pixels().map(|pixels| {
             format!(
-                "its pixels, {} x {} from column {}, row {} on, are not those of its display \
-                 window of {} x {}: black where there are none, left out beyond it",
-                stored.0, stored.1, first.0, first.1, size.0, size.1
+                "{pixels} are not those of its display window of {width} x {height}: black where \
+                 there are none, left out beyond it"
             )
         })
     }
 
     /// The part by itself, as the scene of a cube is all that it holds, and what to say of that.
     fn whole_part(self) -> (Self, Option<String>) {
-        let Self { size, stored, first } = self;
-        let note = ((size, first) != (stored, (0, 0))).then(|| {
-            format!(
-                "its pixels, {} x {} from column {}, row {} on, are the scene, not its display \
-                 window of {} x {}",
-                stored.0, stored.1, first.0, first.1, size.0, size.1
-            )
+        let (width, height) = self.size;
+        let note = self.other_pixels().map(|pixels| {
+            format!("{pixels} are the scene, not its display window of {width} x {height}")
         });
-        (Self { size: stored, first: (0, 0), ..self }, note)
+        (Self { size: self.stored, first: (0, 0), ..self }, note)
     }
 
     /// The image of a plane of the part.

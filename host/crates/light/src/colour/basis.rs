@@ -10,6 +10,7 @@
 //! bands brings out at most half its absolute sum, and at an edge between two spectra at most the
 //! sum of both halves.
 
+use super::channel_planes::over_white;
 use super::gamut::reach;
 use super::lattice::{SIDE, node};
 use super::smoothest::{Curve, Domain, Smoothest};
@@ -49,14 +50,8 @@ impl Basis {
         seen: &[Vec<f64>],
         count: usize,
     ) -> Self {
-        let of_white = |channel: &Vec<f64>| -> f64 {
-            channel.iter().zip(units).map(|(seen, white)| seen * white).sum()
-        };
-        let relative = seen.iter().filter(|channel| of_white(channel) > 0.0).map(|channel| {
-            let white = of_white(channel);
-            channel.iter().map(|seen| seen / white).collect()
-        });
-        let mut basis = Self { curves: Vec::new(), seen: relative.collect() };
+        let seen = seen.iter().filter_map(|channel| over_white(channel, units)).collect();
+        let mut basis = Self { curves: Vec::new(), seen };
         for channel in basis.seen.clone() {
             basis.add(&channel);
         }

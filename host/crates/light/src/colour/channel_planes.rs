@@ -5,6 +5,13 @@
 //! r_c·white, sums to nothing in the channel; a blur that differs between bands brings out at most
 //! half of Σ |S_c·(ρ − r_c·white)|, and at an edge between two spectra at most both halves.
 
+/// What a channel sees of each band, over what it sees of white; none of a channel that sees
+/// nothing of white.
+pub fn over_white(channel: &[f64], white: &[f64]) -> Option<Vec<f64>> {
+    let of_white: f64 = channel.iter().zip(white).map(|(s, w)| s * w).sum();
+    (of_white > 0.0).then(|| channel.iter().map(|seen| seen / of_white).collect())
+}
+
 /// What the channels of a sensor see, beside white.
 pub struct ChannelPlanes {
     white: Vec<f64>,
@@ -17,11 +24,8 @@ impl ChannelPlanes {
     /// Of channels that see so much of a value of 1 in each band, in the unit that makes white
     /// `white`.
     pub fn of(white: &[f64], seen: &[Vec<f64>]) -> Self {
-        let relative = |channel: &Vec<f64>| -> Option<Vec<f64>> {
-            let of_white: f64 = channel.iter().zip(white).map(|(s, w)| s * w).sum();
-            (of_white > 0.0).then(|| channel.iter().map(|seen| seen / of_white).collect())
-        };
-        Self { white: white.to_vec(), seen: seen.iter().map(relative).collect() }
+        let seen = seen.iter().map(|channel| over_white(channel, white)).collect();
+        Self { white: white.to_vec(), seen }
     }
 
     /// Components: one for each channel.

@@ -3,9 +3,10 @@
 //! Curves are chosen for the spectra of the first scene that is not black, at places all over it,
 //! and serve all: what they leave out of the others is found pixel by pixel, as it is for the
 //! first. White is a reflectance of 1; of radiance, the mean spectrum of the scene with the light
-//! of its brightest place, and a little in every band. Planes are read one after another, twice, or three times for the first scene: memory is
-//! that of the components.
+//! of its brightest place, and a little in every band. Planes are read one after another, twice,
+//! or three times for the first scene: memory is that of the components.
 
+use super::channel_planes::over_white;
 use super::mixture::{Curves, Mixed, Mixer};
 use camrig_base::{Plane, Result};
 use rayon::prelude::*;
@@ -42,11 +43,12 @@ impl Mixer {
         let OfBands { curves, white, is_lit } = &chosen;
         let planes = components(&curves.takes(), read)?;
         let of_channels = curves.of_channels(self.seen().len());
-        let relative = self.seen().iter().map(|seen| {
-            let of_white: f64 = seen.iter().zip(white).map(|(s, w)| s * w).sum();
-            seen.iter().map(|s| if of_white > 0.0 { s / of_white } else { 0.0 }).collect()
-        });
-        let left_out = left_out(&of_channels, &relative.collect::<Vec<_>>(), &planes, read)?;
+        let relative: Vec<Vec<f64>> = self
+            .seen()
+            .iter()
+            .map(|seen| over_white(seen, white).unwrap_or_else(|| vec![0.0; seen.len()]))
+            .collect();
+        let left_out = left_out(&of_channels, &relative, &planes, read)?;
         if *is_lit {
             *kept = Some(chosen);
         }

@@ -115,8 +115,8 @@ impl Blurs {
     pub fn kept(mut self) -> Self {
         let pairs = self.transfers.iter().map(Vec::len).sum::<usize>();
         if pairs * self.x.kept * self.y.kept * size_of::<f32>() <= VALUES {
-            let all: Vec<&mut Transfer> = self.transfers.iter_mut().flatten().collect();
-            all.into_iter().for_each(|transfer| transfer.keep(&self.aliases, &self.y));
+            let all = self.transfers.iter_mut().flatten();
+            all.for_each(|transfer| transfer.keep(&self.aliases, &self.y));
         }
         self
     }

@@ -72,7 +72,7 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Takes the scene's place. `across` and `down` count its cells.
+    /// Transforms the rows of a scene on the cells of `layout`, in place of those before.
     ///
     /// # Errors
     /// Those of the scene, and values that are not finite.
