@@ -34,12 +34,12 @@ const SECTIONS: usize = 40;
 pub(super) struct Best {
     /// Its z from the present one, mm.
     pub shift_mm: f64,
-    /// The OTF there, averaged over the design wavelengths.
+    /// The OTF there, in the weighted mean over the design wavelengths.
     pub mtf: f64,
 }
 
 /// Finds the place of the sensor with the largest OTF on the axis at `per_mm` cycles per mm, in
-/// the mean over the design wavelengths.
+/// the weighted mean over the design wavelengths.
 ///
 /// # Errors
 /// A frequency that is not positive or beyond the cut-off; rays that are lost; rays from different
@@ -49,17 +49,20 @@ pub(super) fn find(system: &System, per_mm: f64) -> Result<Best> {
         return Err(Error::input(format!("frequency {per_mm} cycles/mm"))
             .help("give the frequency at which the MTF is to be largest, above 0"));
     }
-    let waves: Result<Vec<Wave>> = system
+    let waves: Result<Vec<(Wave, f64)>> = system
         .prescription
-        .wavelengths_nm
-        .iter()
-        .map(|&nm| Wave::new(system, nm, per_mm).map_err(|e| e.at(format!("{nm} nm"))))
+        .shares()
+        .into_iter()
+        .map(|(nm, share)| {
+            let wave = Wave::new(system, nm, per_mm).map_err(|e| e.at(format!("{nm} nm")))?;
+            Ok((wave, share))
+        })
         .collect();
     let waves = waves?;
-    let mtf = |shift: f64| waves.iter().map(|w| w.otf(shift)).sum::<f64>() / waves.len() as f64;
-    let low = waves.iter().map(|w| w.crossings[0]).fold(f64::INFINITY, f64::min);
-    let high = waves.iter().map(|w| w.crossings[1]).fold(f64::NEG_INFINITY, f64::max);
-    let fastest = waves.iter().map(|w| w.fastest_per_mm).fold(0.0, f64::max);
+    let mtf = |shift: f64| waves.iter().map(|(w, share)| share * w.otf(shift)).sum::<f64>();
+    let low = waves.iter().map(|(w, _)| w.crossings[0]).fold(f64::INFINITY, f64::min);
+    let high = waves.iter().map(|(w, _)| w.crossings[1]).fold(f64::NEG_INFINITY, f64::max);
+    let fastest = waves.iter().map(|(w, _)| w.fastest_per_mm).fold(0.0, f64::max);
     let places = ((high - low) * fastest * PLACES_PER_CYCLE).ceil() as usize;
     let places = places.clamp(2, MOST_PLACES);
     let step = (high - low) / places as f64;
@@ -272,6 +275,34 @@ mod tests {
         assert!((shifted.prescription.surfaces[1].thickness - 20.1).abs() < 5e-4);
         let error = focused(&perfect(20.0), Focus::BestMtf(250.0), 0.0).unwrap_err().to_string();
         assert!(error.contains("cut-off"), "{error}");
+    }
+
+    #[test]
+    fn wavelengths_count_by_their_weights() {
+        let glass = "nd = 1.5\nvd = 200.0";
+        let with = |lines: &str| {
+            let text = perfect(20.0)
+                .replace("nd = 1.5", glass)
+                .replace("wavelengths_nm = [500.0]", &format!("reference_nm = 500.0\n{lines}"));
+            let system = focused(&text, Focus::BestMtf(40.0), 0.0).unwrap();
+            system.prescription.surfaces[1].thickness
+        };
+        let blue = with("wavelengths_nm = [450.0]");
+        let both = with("wavelengths_nm = [450.0, 650.0]");
+        assert!(both - blue > 0.01, "{blue} {both}");
+        let weighted =
+            |weights: &str| with(&format!("wavelengths_nm = [450.0, 650.0]\n{weights}"));
+        assert_eq!(weighted("wavelength_weights = [1, 0]"), blue);
+        assert_eq!(weighted("wavelength_weights = [3, 3]"), both);
+        let mostly_blue = weighted("wavelength_weights = [3, 1]");
+        assert!(blue < mostly_blue && mostly_blue < both, "{mostly_blue}");
+        for wrong in ["[1]", "[0, 0]", "[2, -1]"] {
+            let text = perfect(20.0)
+                .replace("[500.0]", "[500.0, 600.0]")
+                .replace("[aperture]", &format!("wavelength_weights = {wrong}\n[aperture]"));
+            let error = toml::read(&text, &Catalogue::default()).unwrap_err().to_string();
+            assert!(error.contains("weights"), "{error}");
+        }
     }
 
     #[test]

@@ -20,7 +20,7 @@ use super::pupil::{
     Bundle, EdgePoint, Extent, Outline, STEPS_PER_DIAMETER, check_obstacles, edges_along,
 };
 use super::system::System;
-use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
+use super::trace::{LANES, Rays, Start, lost_at, trace_lanes, trace_one};
 use super::train::Train;
 use camrig_base::{Error, Result};
 use rayon::prelude::*;
@@ -174,8 +174,9 @@ struct Launcher {
     along: [f64; 3],
     across: [[f64; 3]; 2],
     pupil_z: f64,
-    /// The object point and its distance to where rays are aimed, for a finite object.
-    object: Option<([f64; 3], f64)>,
+    /// For a finite object: the place that rays are launched around, in x and y, and its distance
+    /// from the object point.
+    object: Option<([f64; 2], f64)>,
 }
 
 impl Launcher {
@@ -187,12 +188,13 @@ impl Launcher {
             Object::Infinity => None,
             Object::Distance(d) if d + pupil_z > 0.0 => {
                 let to_pupil = d + pupil_z;
-                let point = [-to_pupil * tx, -to_pupil * ty, -d];
-                if train.telecentric {
-                    along = [0.0, 0.0, 1.0];
-                }
-                let far = if train.telecentric { to_pupil } else { to_pupil * slant };
-                Some((point, far))
+                Some(match train.telecentric {
+                    true => {
+                        along = [0.0, 0.0, 1.0];
+                        ([-to_pupil * tx, -to_pupil * ty], to_pupil)
+                    }
+                    false => ([0.0; 2], to_pupil * slant),
+                })
             }
             Object::Distance(d) => {
                 return Err(Error::input(format!(
@@ -211,19 +213,23 @@ impl Launcher {
         Ok(Self { along, across: [x, y], pupil_z, object })
     }
 
-    /// The ray to a place (px, py) in the plane across the beam through the pupil's middle, mm.
-    fn ray(&self, [px, py]: [f64; 2]) -> ([f64; 3], [f64; 3]) {
+    /// The ray through a place (px, py) in the plane across the beam through the pupil's middle,
+    /// mm. Its path is counted from the sphere around the object point through the plane's middle,
+    /// so that a far object costs no digits.
+    fn ray(&self, [px, py]: [f64; 2]) -> Start {
         let [x, y] = self.across;
         let aside = [0, 1, 2].map(|k| px * x[k] + py * y[k]);
+        let from = |[x, y]: [f64; 2]| [x + aside[0], y + aside[1], self.pupil_z + aside[2]];
         match self.object {
-            None => {
-                let start = [aside[0], aside[1], aside[2] + self.pupil_z];
-                (start, self.along)
-            }
-            Some((point, far)) => {
+            None => Start { position: from([0.0; 2]), direction: self.along, path: 0.0 },
+            Some((centre, far)) => {
                 let aim = [0, 1, 2].map(|k| far * self.along[k] + aside[k]);
                 let length = aim.iter().map(|v| v * v).sum::<f64>().sqrt();
-                (point, aim.map(|v| v / length))
+                Start {
+                    position: from(centre),
+                    direction: aim.map(|v| v / length),
+                    path: (px * px + py * py) / (length + far),
+                }
             }
         }
     }
@@ -233,9 +239,9 @@ impl Launcher {
         match self.object {
             None => 1.0,
             Some((_, far)) => {
-                let (_, d) = self.ray(place);
+                let cosine = self.ray(place).direction[2];
                 let r2 = 1.0 + (place[0].powi(2) + place[1].powi(2)) / (far * far);
-                d[2] / (r2 * r2.sqrt())
+                cosine / (r2 * r2.sqrt())
             }
         }
     }
@@ -278,7 +284,7 @@ impl<'a> Beam<'a> {
         let launcher = at(1.0)?;
         let start = launcher.ray(launch);
         let mut chief = Rays::nowhere();
-        chief.set(0, start.0, start.1);
+        chief.launch(0, &start);
         trace_one(&train.surfaces, &mut chief);
         if !chief.alive(0) {
             return Err(chief_lost(train, tangents, &start));
@@ -360,8 +366,7 @@ impl Bundle for Beam<'_> {
         let mut rays = Rays::nowhere();
         for (i, place) in places.iter().enumerate() {
             let place = [0, 1].map(|k| self.chief_launch[k] + place[k]);
-            let (position, direction) = self.launcher.ray(place);
-            rays.set(i, position, direction);
+            rays.launch(i, &self.launcher.ray(place));
             if let Some(radius) = self.train.cone_mm {
                 rays.excess[i] = Clip::circle(radius).excess(place[0], place[1]);
             }
@@ -384,7 +389,7 @@ fn centre_of_stop(train: &Train, launcher: &Launcher, guess: [f64; 2]) -> Option
         return Some([0.0; 2]);
     }
     let miss = |place: [f64; 2]| {
-        let ray = train.at_stop(launcher.ray(place));
+        let ray = train.at_stop(&launcher.ray(place));
         let (p, _) = ray.get(0);
         let alive = ray.path[0].is_finite() && p[0].is_finite();
         alive.then_some([p[0], p[1]])
@@ -424,9 +429,9 @@ fn place(train: &Train, tangents: [f64; 2]) -> String {
     format!("field ({x:.4}°, {y:.4}°), {} nm", train.nm)
 }
 
-fn chief_lost(train: &Train, tangents: [f64; 2], start: &([f64; 3], [f64; 3])) -> Error {
+fn chief_lost(train: &Train, tangents: [f64; 2], start: &Start) -> Error {
     let mut ray = Rays::nowhere();
-    ray.set(0, start.0, start.1);
+    ray.launch(0, start);
     let error = match lost_at(&train.surfaces, &ray) {
         Some((surface, how)) => {
             Error::input(format!("a ray meant for surface {} {how}", surface + 1))

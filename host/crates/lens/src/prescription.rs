@@ -29,6 +29,9 @@ pub struct Prescription {
     pub telecentric: bool,
     /// Design wavelengths, nm, in the file's order.
     pub wavelengths_nm: Vec<f64>,
+    /// What each of them counts in figures of several wavelengths, in their order; empty: all the
+    /// same.
+    pub wavelength_weights: Vec<f64>,
     /// The wavelength that paraxial figures and the stop radius refer to, nm.
     pub reference_nm: f64,
     /// Design fields.
@@ -302,6 +305,19 @@ impl Surface {
 }
 
 impl Prescription {
+    /// The design wavelengths that count, nm, with their shares of figures of several wavelengths.
+    pub(crate) fn shares(&self) -> Vec<(f64, f64)> {
+        let all: f64 = self.wavelength_weights.iter().sum();
+        let weight =
+            |i| if all > 0.0 { self.wavelength_weights[i] / all } else { self.even_share() };
+        let waves = self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (*nm, weight(i)));
+        waves.filter(|(_, share)| *share > 0.0).collect()
+    }
+
+    fn even_share(&self) -> f64 {
+        1.0 / self.wavelengths_nm.len() as f64
+    }
+
     /// The first surface that is not symmetric about the axis, and why; `None` for a lens that is
     /// rotationally symmetric.
     #[must_use]
@@ -361,6 +377,14 @@ impl Prescription {
         }
         for nm in self.wavelengths_nm.iter().chain([&self.reference_nm]) {
             positive("wavelength", *nm)?;
+        }
+        let (weights, waves) = (&self.wavelength_weights, self.wavelengths_nm.len());
+        let any = weights.is_empty() || weights.iter().any(|w| *w > 0.0);
+        if !(weights.is_empty() || weights.len() == waves)
+            || !(any && weights.iter().all(|w| w.is_finite() && *w >= 0.0))
+        {
+            return Err(Error::input(format!("weights {weights:?} of {waves} wavelengths"))
+                .help("give one for each wavelength, none below 0 and one above it"));
         }
         let vignetting = &self.fields.vignetting;
         if self.fields.values.is_empty()

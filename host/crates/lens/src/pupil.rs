@@ -10,7 +10,7 @@
 //! below the axis, the image above it (for a positive lens).
 
 use super::prescription::{Clip, Object};
-use super::trace::{LANES, Rays, lost_at, trace_lanes, trace_one};
+use super::trace::{LANES, Rays, Start, lost_at, trace_lanes, trace_one};
 use super::train::Train;
 use camrig_base::{Error, Result};
 use std::f64::consts::PI;
@@ -80,8 +80,9 @@ struct Launcher {
     cosine: f64,
     /// z of the paraxial entrance pupil.
     pupil_z: f64,
-    /// The object point and its distance to the pupil's centre, for a finite object.
-    object: Option<([f64; 3], f64)>,
+    /// For a finite object: the y of the place that rays are launched around, and its distance from
+    /// the object point.
+    object: Option<(f64, f64)>,
 }
 
 impl Launcher {
@@ -93,13 +94,10 @@ impl Launcher {
             Object::Distance(d) if d + pupil_z > 0.0 && train.telecentric => {
                 // Rays around the parallel to the axis, aimed in a plane at the pupil's distance.
                 let to_pupil = d + pupil_z;
-                let object = Some(([0.0, -to_pupil * sine / cosine, -d], to_pupil));
+                let object = Some((-to_pupil * sine / cosine, to_pupil));
                 return Ok(Self { sine: 0.0, cosine: 1.0, pupil_z, object });
             }
-            Object::Distance(d) if d + pupil_z > 0.0 => {
-                let to_pupil = d + pupil_z;
-                Some(([0.0, -to_pupil * sine / cosine, -d], to_pupil / cosine))
-            }
+            Object::Distance(d) if d + pupil_z > 0.0 => Some((0.0, (d + pupil_z) / cosine)),
             Object::Distance(d) => {
                 return Err(Error::input(format!(
                     "the entrance pupil lies behind the object at {d} mm"
@@ -110,16 +108,26 @@ impl Launcher {
         Ok(Self { sine, cosine, pupil_z, object })
     }
 
-    /// Start and direction of a ray.
+    /// A ray through a place of the pupil's plane. Its path is counted from the sphere around the
+    /// object point through the pupil's centre, so that a far object costs no digits.
     #[inline(always)]
-    fn ray(&self, px: f64, py: f64) -> ([f64; 3], [f64; 3]) {
+    fn ray(&self, px: f64, py: f64) -> Start {
         let (s, c) = (self.sine, self.cosine);
+        let aside = [px, py * c, -py * s];
         match self.object {
-            None => ([px, py * c, self.pupil_z - py * s], [0.0, s, c]),
-            Some((point, distance)) => {
-                let aim = [px, distance * s + py * c, distance * c - py * s];
-                let length = 1.0 / (aim[0] * aim[0] + aim[1] * aim[1] + aim[2] * aim[2]).sqrt();
-                (point, aim.map(|v| v * length))
+            None => Start {
+                position: [aside[0], aside[1], self.pupil_z + aside[2]],
+                direction: [0.0, s, c],
+                path: 0.0,
+            },
+            Some((centre_y, distance)) => {
+                let aim = [aside[0], distance * s + aside[1], distance * c + aside[2]];
+                let length = (aim[0] * aim[0] + aim[1] * aim[1] + aim[2] * aim[2]).sqrt();
+                Start {
+                    position: [aside[0], centre_y + aside[1], self.pupil_z + aside[2]],
+                    direction: aim.map(|v| v / length),
+                    path: (px * px + py * py) / (length + distance),
+                }
             }
         }
     }
@@ -130,9 +138,9 @@ impl Launcher {
         match self.object {
             None => 1.0,
             Some((_, distance)) => {
-                let (_, d) = self.ray(px, py);
+                let cosine = self.ray(px, py).direction[2];
                 let r2 = 1.0 + (px * px + py * py) / (distance * distance);
-                d[2] / self.cosine / (r2 * r2.sqrt())
+                cosine / self.cosine / (r2 * r2.sqrt())
             }
         }
     }
@@ -189,9 +197,8 @@ impl<'a> Beam<'a> {
             }
         }
         let launcher = Launcher::new(train, field_deg)?;
-        let (position, direction) = launcher.ray(0.0, launch);
         let mut chief = Rays::nowhere();
-        chief.set(0, position, direction);
+        chief.launch(0, &launcher.ray(0.0, launch));
         trace_one(&train.surfaces, &mut chief);
         if !chief.alive(0) {
             return Err(chief_lost(train, field_deg, launch));
@@ -224,10 +231,8 @@ impl<'a> Beam<'a> {
             return Err(Error::unsupported(what).help("give clear apertures in their place"));
         }
         let radius = 0.5 * self.train.entrance_pupil_mm;
-        let (position, direction) =
-            self.launcher.ray(x * radius, y * radius * self.launcher.cosine);
         let mut ray = Rays::<1>::nowhere();
-        ray.set(0, position, direction);
+        ray.launch(0, &self.launcher.ray(x * radius, y * radius * self.launcher.cosine));
         let start = ray.clone();
         let mut heights = Vec::with_capacity(self.train.surfaces.len());
         for surface in &self.train.surfaces {
@@ -250,9 +255,8 @@ impl<'a> Beam<'a> {
     /// gives.
     pub(super) fn check_rim(&self) -> Result<()> {
         let radius = 0.5 * self.train.entrance_pupil_mm;
-        let (position, direction) = self.launcher.ray(0.0, radius * self.launcher.cosine);
         let mut ray = Rays::<1>::nowhere();
-        ray.set(0, position, direction);
+        ray.launch(0, &self.launcher.ray(0.0, radius * self.launcher.cosine));
         let start = ray.clone();
         for surface in &self.train.surfaces {
             surface.meet(&mut ray);
@@ -269,8 +273,8 @@ impl<'a> Beam<'a> {
         }
     }
 
-    /// Start and direction of the ray at a place relative to the chief ray, mm.
-    pub(super) fn start(&self, place: [f64; 2]) -> ([f64; 3], [f64; 3]) {
+    /// The ray at a place relative to the chief ray, mm.
+    pub(super) fn start(&self, place: [f64; 2]) -> Start {
         self.launcher.ray(place[0], self.chief_launch + place[1])
     }
 
@@ -280,9 +284,10 @@ impl<'a> Beam<'a> {
     pub(super) fn path(&self, y: f64, lead: f64) -> Option<Vec<[f64; 2]>> {
         // Cosine of the angle with the axis up to which rays are drawn from one plane.
         const STEEPEST: f64 = 0.5;
-        let (position, direction) = self.launcher.ray(0.0, self.chief_launch + y);
+        let start = self.launcher.ray(0.0, self.chief_launch + y);
+        let direction = start.direction;
         let mut ray = Rays::<1>::nowhere();
-        ray.set(0, position, direction);
+        ray.launch(0, &start);
         let mut places = Vec::with_capacity(self.train.surfaces.len() + 2);
         let mut vertex = 0.0;
         for surface in &self.train.surfaces {
@@ -325,8 +330,7 @@ impl Bundle for Beam<'_> {
         let mut rays = Rays::nowhere();
         for (i, [x, y]) in places.iter().enumerate() {
             let py = self.chief_launch + *y;
-            let (position, direction) = self.launcher.ray(*x, py);
-            rays.set(i, position, direction);
+            rays.launch(i, &self.launcher.ray(*x, py));
             if let Some(radius) = self.train.cone_mm {
                 rays.excess[i] = Clip::circle(radius).excess(*x, py);
             }
@@ -345,7 +349,7 @@ impl Bundle for Beam<'_> {
 fn centre_of_stop(train: &Train, field_deg: f64, guess: f64) -> Result<Option<f64>> {
     let launcher = Launcher::new(train, field_deg)?;
     let miss = |py: f64| {
-        let ray = train.at_stop(launcher.ray(0.0, py));
+        let ray = train.at_stop(&launcher.ray(0.0, py));
         if ray.path[0].is_finite() { ray.position[1][0] } else { f64::NAN }
     };
     // The search ends at a few rounding errors of a height at the stop, and has succeeded within
@@ -382,9 +386,9 @@ fn lost(field_deg: f64, nm: f64, surface: usize, how: &str) -> Error {
 
 fn chief_lost(train: &Train, field_deg: f64, launch: f64) -> Error {
     let ray = Launcher::new(train, field_deg).map(|l| l.ray(0.0, launch));
-    let found = ray.ok().and_then(|(position, direction)| {
+    let found = ray.ok().and_then(|start| {
         let mut ray = Rays::nowhere();
-        ray.set(0, position, direction);
+        ray.launch(0, &start);
         lost_at(&train.surfaces, &ray)
     });
     let error = match found {

@@ -452,10 +452,13 @@ fn keep_known_wavelengths(prescription: &mut Prescription) {
         })
     };
     let mut notes = Vec::new();
-    let mut known = Vec::new();
-    for &nm in &prescription.wavelengths_nm {
+    let (mut known, mut weights) = (Vec::new(), Vec::new());
+    for (i, &nm) in prescription.wavelengths_nm.iter().enumerate() {
         match lacking(nm) {
-            None => known.push(nm),
+            None => {
+                known.push(nm);
+                weights.extend(prescription.wavelength_weights.get(i));
+            }
             Some(why) => notes.push(format!("the wavelength {nm} nm is left out: {why}")),
         }
     }
@@ -469,6 +472,7 @@ fn keep_known_wavelengths(prescription: &mut Prescription) {
         prescription.reference_nm = nearest;
     }
     prescription.wavelengths_nm = known;
+    prescription.wavelength_weights = weights;
     prescription.notes.extend(notes);
 }
 

@@ -424,6 +424,28 @@ fn a_fisheye_sees_behind_itself() {
     assert!(error.contains("between -90° and 90°"), "{error}");
 }
 
+/// A point so far away that digits of its distance are lost beside the lens is as one at infinity.
+#[test]
+fn an_object_far_away_is_one_at_infinity() {
+    let lens = toml::read(include_str!("fuzz/lens.toml"), &Catalogue::default()).unwrap();
+    let points = |object: prescription::Object| {
+        let lens = Prescription { object, ..lens.clone() };
+        let system = System::new(lens, Conditions::default()).unwrap();
+        characterise::field_points(&system, &[0.0, 8.0, 14.0], &[486.1, 587.6]).unwrap()
+    };
+    let infinite = points(prescription::Object::Infinity);
+    for distance in [1e8, 1e9, 9e9] {
+        for (a, b) in infinite.iter().zip(points(prescription::Object::Distance(distance))) {
+            // The image moves by f²/distance; the wavefront bends by r²/2 over the distance, in
+            // waves.
+            let near = 1e8 / distance;
+            assert!((a.chief_ray_height_mm - b.chief_ray_height_mm).abs() < 2e-5 * near);
+            assert!((a.opd_rms_waves - b.opd_rms_waves).abs() < 3e-4 * near + 1e-6, "{a:?} {b:?}");
+            assert!((a.relative_illumination - b.relative_illumination).abs() < 1e-6, "{b:?}");
+        }
+    }
+}
+
 /// Prescriptions and listings with bytes changed, dropped or doubled: an error or a lens, never a
 /// panic, and no lens that panics when traced.
 mod fuzz {
@@ -513,6 +535,15 @@ mod fuzz {
         }
     }
 
+    #[test]
+    fn wavelengths_of_old_files_have_weights_too() {
+        let (before, behind) = ZMX.split_once("WAVM 1").unwrap();
+        let behind = &behind[behind.find("PWAV").unwrap()..];
+        let old = format!("{before}WAVL 0.4861 0.5876 0.6563\nWWGT 3 4 1\n{behind}");
+        let lens = zmx::read(&old, &Catalogue::default()).unwrap();
+        assert_eq!(lens.shares(), [(486.1, 0.375), (587.6, 0.5), (656.3, 0.125)]);
+    }
+
     /// The three files are one lens, told in three ways.
     #[test]
     fn the_same_lens_in_three_formats() {
@@ -521,6 +552,11 @@ mod fuzz {
         };
         let all =
             [read(zmx::read, ZMX), read(seq::read, SEQ), read(super::super::toml::read, TOML)];
+        for system in &all {
+            let mut shares = system.prescription.shares();
+            shares.sort_by(|a, b| a.0.total_cmp(&b.0));
+            assert_eq!(shares, [(486.1, 0.375), (587.6, 0.5), (656.3, 0.125)]);
+        }
         let points = |s: &System| {
             characterise::field_points(s, &[0.0, 8.0, 14.0], &[486.1, 587.6]).unwrap()
         };

@@ -80,6 +80,10 @@ struct File {
     telecentric: bool,
     /// Wavelengths of figures, nm.
     wavelengths_nm: Vec<f64>,
+    /// What each of `wavelengths_nm` counts in an MTF of several wavelengths; left out: all the
+    /// same.
+    #[serde(default)]
+    wavelength_weights: Vec<f64>,
     /// Wavelength of paraxial figures and of the stop's radius, nm; left out: the middle one of
     /// `wavelengths_nm`.
     reference_nm: Option<f64>,
@@ -264,6 +268,7 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
         aperture: aperture(&file.aperture)?,
         telecentric: file.telecentric,
         wavelengths_nm: file.wavelengths_nm,
+        wavelength_weights: file.wavelength_weights,
         reference_nm,
         fields: Fields {
             kind: FieldKind::Angle,

@@ -74,6 +74,17 @@ pub enum Shape {
     Break,
 }
 
+/// Where a ray starts.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    /// Position relative to the vertex of the first surface, mm.
+    pub position: [f64; 3],
+    /// Direction cosines.
+    pub direction: [f64; 3],
+    /// Its optical path up to there, mm.
+    pub path: f64,
+}
+
 /// N rays: position relative to the vertex of the surface they are at, direction, optical path,
 /// and whether an aperture stops them.
 #[derive(Clone, Debug)]
@@ -82,7 +93,7 @@ pub struct Rays<const N: usize> {
     pub position: [[f64; N]; 3],
     /// Direction cosines.
     pub direction: [[f64; N]; 3],
-    /// Optical path since the start, mm.
+    /// Optical path up to there, mm, from where [`Start::path`] counts.
     pub path: [f64; N],
     /// Largest [`Clip::excess`] met so far: above 0 for rays that an aperture stops.
     pub excess: [f64; N],
@@ -108,6 +119,12 @@ impl<const N: usize> Rays<N> {
         }
         self.path[i] = 0.0;
         self.excess[i] = -1.0;
+    }
+
+    /// Places ray `i` where it starts.
+    pub fn launch(&mut self, i: usize, start: &Start) {
+        self.set(i, start.position, start.direction);
+        self.path[i] = start.path;
     }
 
     /// Ray `i` as (position, direction).

@@ -2,7 +2,7 @@
 
 use super::paraxial::Paraxial;
 use super::prescription::Object;
-use super::trace::{Rays, TrainSurface};
+use super::trace::{Rays, Start, TrainSurface};
 
 /// The lens at one wavelength.
 #[derive(Clone, Debug)]
@@ -33,10 +33,10 @@ pub struct Train {
 }
 
 impl Train {
-    /// The ray from a position in a direction, where it meets the stop.
-    pub(super) fn at_stop(&self, (position, direction): ([f64; 3], [f64; 3])) -> Rays<1> {
+    /// The ray, where it meets the stop.
+    pub(super) fn at_stop(&self, start: &Start) -> Rays<1> {
         let mut ray = Rays::nowhere();
-        ray.set(0, position, direction);
+        ray.launch(0, start);
         for surface in &self.surfaces[..self.stop] {
             surface.meet(&mut ray);
             surface.bend(&mut ray);

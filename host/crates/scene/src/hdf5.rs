@@ -3,9 +3,9 @@
 
 use super::cube::BandSource;
 use super::matlab::{Array, Value};
-use super::strided::{Bytes, Layout, Sample, Strided};
+use super::strided::{self, Bytes, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
-use hdf5_pure::{DType, Dataset, File, Group};
+use hdf5_pure::{ChunkIndex, DType, Dataset, File, Group, Layout};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -23,26 +23,41 @@ const MOST_PACKED: u64 = 1032;
 const ALWAYS_READ: u64 = 64 << 20;
 
 /// A dataset, whose lengths are found to be possible in a file of this size: the library takes
-/// memory for what they state before it reads.
+/// memory, and time, for what they state before it reads.
 fn checked(file_bytes: u64, name: &str, dataset: Dataset) -> Result<Dataset> {
     let impossible = |what: String| {
         Error::input(format!("array {name:?} states {what} in a file of {file_bytes} bytes"))
             .help("the file is damaged or cut off; an array of equal samples: store it unpacked")
     };
-    let bytes = dataset.shape().and_then(|shape| {
-        let size = dataset.element_size()?;
-        Ok(shape.iter().fold(size, |bytes, &n| bytes.saturating_mul(n)))
-    });
-    let bytes = bytes.map_err(refused)?;
-    if bytes > file_bytes.saturating_mul(MOST_PACKED).max(ALWAYS_READ) {
+    let sample = dataset.element_size().map_err(refused)?;
+    let size_of = |lengths: &[u64]| lengths.iter().fold(sample, |size, n| size.saturating_mul(*n));
+    let most = file_bytes.saturating_mul(MOST_PACKED).max(ALWAYS_READ);
+    let bytes = size_of(&dataset.shape().map_err(refused)?);
+    if bytes > most {
         return Err(impossible(format!("{bytes} bytes")));
     }
-    // Only some kinds of index can be listed.
-    for chunk in dataset.chunks().unwrap_or_default() {
-        if chunk.address.saturating_add(chunk.storage_size) > file_bytes {
-            let (bytes, at) = (chunk.storage_size, chunk.address);
-            return Err(impossible(format!("a chunk of {bytes} bytes at byte {at}")));
+    match dataset.layout().map_err(refused)? {
+        Layout::Contiguous { size, .. } if size > most => {
+            return Err(impossible(format!("{size} bytes in one piece")));
         }
+        Layout::Chunked { chunk_shape, index } => {
+            // The library does not list the chunks of such an index, nor read them.
+            let chunks = match index {
+                ChunkIndex::BTreeV2 => Vec::new(),
+                _ => dataset.chunks().map_err(refused)?,
+            };
+            let (count, bytes) = (chunks.len() as u64, size_of(&chunk_shape));
+            if bytes.saturating_mul(count.max(1)) > most {
+                return Err(impossible(format!("{count} chunks of {bytes} bytes")));
+            }
+            for chunk in &chunks {
+                if chunk.address.saturating_add(chunk.storage_size) > file_bytes {
+                    let (bytes, at) = (chunk.storage_size, chunk.address);
+                    return Err(impossible(format!("a chunk of {bytes} bytes at byte {at}")));
+                }
+            }
+        }
+        _ => {}
     }
     Ok(dataset)
 }
@@ -225,8 +240,8 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
         return Err(Error::input(format!("array {name:?} of shape {shape:?}"))
             .help("a spectral cube has three axes: rows, columns, bands"));
     };
-    let layout = Layout::packed(axes, lengths)?;
-    let Layout { width, height, bands, .. } = layout;
+    let layout = strided::Layout::packed(axes, lengths)?;
+    let strided::Layout { width, height, bands, .. } = layout;
     if [width, height, bands].contains(&0) {
         return Err(Error::input(format!("array {name:?} of shape {shape:?} is empty")));
     }
@@ -333,5 +348,23 @@ mod tests {
         assert!(said(10_000).contains("states 72000000 bytes in a file of 10000"));
         assert!(said(file.file_size() / 2).contains("states a chunk of"));
         assert_eq!(said(file.file_size()), "");
+    }
+
+    #[test]
+    fn chunks_larger_than_their_array_are_read_where_the_file_holds_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.h5");
+        let mut file = FileBuilder::new();
+        file.create_dataset("cube")
+            .with_f64_data(&[0.5; 4])
+            .with_shape(&[1, 2, 2])
+            .with_chunks(&[1, 3000, 3000])
+            .with_deflate(1);
+        file.write(&path).unwrap();
+        let file = File::open_streaming(&path).unwrap();
+        let cube = || file.dataset("cube").unwrap();
+        assert!(checked(file.file_size(), "cube", cube()).is_ok());
+        let error = checked(10_000, "cube", cube()).err().unwrap().to_string();
+        assert!(error.contains("states 1 chunks of 72000000 bytes"), "{error}");
     }
 }

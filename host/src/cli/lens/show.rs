@@ -264,6 +264,7 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
         object["rotationally_symmetric"] = asymmetry.is_none().into();
         object["efl_x_mm"] = system.efl_x_mm()?.into();
         object["wavelengths_nm"] = lens.wavelengths_nm.clone().into();
+        object["wavelength_weights"] = lens.wavelength_weights.clone().into();
         object["surfaces"] = lens.surfaces.len().into();
         println!("{object}");
         return Ok(());
@@ -296,7 +297,12 @@ pub(super) fn info(args: &InfoArgs) -> Result<()> {
             system.efl_x_mm()?
         ));
     }
-    text.push(format!("fields {listed}°, wavelengths {:?} nm", lens.wavelengths_nm));
+    let weights = &lens.wavelength_weights;
+    let weighted = match weights.iter().all(|weight| *weight == weights[0]) {
+        true => String::new(),
+        false => format!(", weights {weights:?} in MTFs of several"),
+    };
+    text.push(format!("fields {listed}°, wavelengths {:?} nm{weighted}", lens.wavelengths_nm));
     text.push(match lens.notes.is_empty() {
         true => "assumed and ignored: nothing that changes the image".into(),
         false => "assumed and ignored:".into(),

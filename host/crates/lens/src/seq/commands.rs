@@ -106,6 +106,7 @@ impl File {
             "NA" => self.aperture = Some(Aperture::ImageNa(first(words, keyword)?)),
             "NAO" => self.aperture = Some(Aperture::ObjectNa(first(words, keyword)?)),
             "WL" => self.waves = numbers(keyword, words)?,
+            "WTW" => self.weights = numbers(keyword, words)?,
             "REF" => {
                 let value = first(words, keyword)?;
                 if !(value.fract() == 0.0 && (1.0..=100.0).contains(&value)) {

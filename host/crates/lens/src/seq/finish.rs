@@ -109,12 +109,22 @@ impl File {
             aperture,
             telecentric: false,
             wavelengths_nm: self.waves.clone(),
+            wavelength_weights: self.weights(),
             reference_nm,
             fields: Fields { kind: *kind, values, places, vignetting },
             notes,
         };
         prescription.validate()?;
         Ok(prescription)
+    }
+
+    /// A weight for each wavelength: 1 where `WTW` ends before them.
+    fn weights(&self) -> Vec<f64> {
+        let mut weights = self.weights.clone();
+        if !weights.is_empty() {
+            weights.resize(self.waves.len(), 1.0);
+        }
+        weights
     }
 }
 

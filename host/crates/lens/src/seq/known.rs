@@ -6,8 +6,8 @@
 const HARMLESS: &[&[&str]] = &[SET, WEIGHTS, COUPLINGS, TOLERANCES, MANUFACTURE];
 /// The lens as a data set: start, end, remarks, names, listings and drawings.
 const SET: &[&str] = &["LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA"];
-/// Weights of wavelengths and fields in merit functions.
-const WEIGHTS: &[&str] = &["WTW", "WTF", "WTX", "WTY"];
+/// Weights of fields in merit functions.
+const WEIGHTS: &[&str] = &["WTF", "WTX", "WTY"];
 /// What an optimisation varies and couples.
 const COUPLINGS: &[&str] = &[
     "CCY", "CCX", "THC", "GLC", "KC", "KYC", "KXC", "AC", "BC", "CC", "DC", "EC", "FC", "GC",

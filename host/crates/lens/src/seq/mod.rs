@@ -38,6 +38,7 @@ struct File {
     scale: f64,
     aperture: Option<Aperture>,
     waves: Vec<f64>,
+    weights: Vec<f64>,
     reference: usize,
     /// Kind of the fields, and their x and y.
     fields: Option<(FieldKind, [Vec<f64>; 2])>,

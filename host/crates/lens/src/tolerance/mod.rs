@@ -3,8 +3,8 @@
 //! Each departure is drawn evenly between ± its tolerance (of what has a direction: evenly over a
 //! disc), by a generator that depends on seed, lens and departure alone, so that any number of
 //! threads gives the same lenses. The stop keeps its radius in mm. The MTF is that of diffraction
-//! from real rays through the departing surfaces, in the mean over the design wavelengths, lateral
-//! colour included.
+//! from real rays through the departing surfaces, in the weighted mean over the design wavelengths,
+//! lateral colour included.
 
 mod displaced;
 mod otf;

@@ -24,7 +24,8 @@ const SLOPE: f64 = 0.05;
 
 /// A lens, its surfaces displaced, seen from one field point: the waves at all wavelengths.
 pub(super) struct Waves {
-    waves: Vec<Wave>,
+    /// With the share of each.
+    waves: Vec<(Wave, f64)>,
     step_per_mm: f64,
 }
 
@@ -86,35 +87,35 @@ impl Waves {
         let reference = system.at(system.prescription.reference_nm)?;
         let chief = Beam::aim(&reference, field_deg)?;
         let mut ray = Rays::<LANES>::nowhere();
-        let (position, direction) = chief.start([0.0; 2]);
-        ray.set(0, position, direction);
+        ray.launch(0, &chief.start([0.0; 2]));
         trace_lanes(&displaced(&reference.surfaces, displacements), &mut ray);
         let point = [ray.position[0][0], ray.position[1][0]];
-        let wave = |nm: &f64| {
-            let train = system.at(*nm)?;
+        let wave = |(nm, share): (f64, f64)| {
+            let train = system.at(nm)?;
             let beam = Beam::aim(&train, field_deg)?;
             let surfaces = displaced(&train.surfaces, displacements);
-            Wave::trace(&beam, &surfaces, point, step_per_mm)
-                .map_err(|e| e.at(format!("field {field_deg:.4}°, {nm} nm")))
+            let wave = Wave::trace(&beam, &surfaces, point, step_per_mm)
+                .map_err(|e| e.at(format!("field {field_deg:.4}°, {nm} nm")))?;
+            Ok((wave, share))
         };
-        let waves: Result<Vec<Wave>> =
-            system.prescription.wavelengths_nm.iter().map(wave).collect();
+        let waves: Result<Vec<(Wave, f64)>> =
+            system.prescription.shares().into_iter().map(wave).collect();
         Ok(Self { waves: waves?, step_per_mm })
     }
 
-    /// The MTF m steps of frequency up, in the mean over the wavelengths.
+    /// The MTF m steps of frequency up, in the weighted mean over the wavelengths.
     pub fn mtf(&self, azimuth: Azimuth, m: usize) -> f64 {
-        let sum = self.waves.iter().fold([0.0; 2], |sum, wave| {
+        let sum = self.waves.iter().fold([0.0; 2], |sum, (wave, share)| {
             let otf = wave.otf(azimuth, m);
-            [sum[0] + otf[0], sum[1] + otf[1]]
+            [sum[0] + share * otf[0], sum[1] + share * otf[1]]
         });
-        (sum[0] * sum[0] + sum[1] * sum[1]).sqrt() / self.waves.len() as f64
+        (sum[0] * sum[0] + sum[1] * sum[1]).sqrt()
     }
 
     /// The frequency at which the MTF first falls to 1/2, cycles/mm.
     pub fn mtf50(&self, azimuth: Azimuth) -> f64 {
         let mut before = 1.0;
-        let last = self.waves.iter().map(|w| w.columns.max(w.rows)).max().unwrap_or(0);
+        let last = self.waves.iter().map(|(w, _)| w.columns.max(w.rows)).max().unwrap_or(0);
         for m in 1..=last {
             let here = self.mtf(azimuth, m);
             if here <= 0.5 {
@@ -162,8 +163,7 @@ impl Wave {
         for block in (0..columns * rows).step_by(LANES) {
             let mut rays = Rays::<LANES>::nowhere();
             for i in 0..LANES {
-                let (position, direction) = beam.start(place(block + i));
-                rays.set(i, position, direction);
+                rays.launch(i, &beam.start(place(block + i)));
             }
             trace_lanes(surfaces, &mut rays);
             for i in (0..LANES).filter(|i| block + i < columns * rows) {
@@ -255,8 +255,7 @@ fn slopes(beam: &Beam, surfaces: &[TrainSurface], reach: [f64; 2]) -> [f64; 2] {
     let mut rays = Rays::<LANES>::nowhere();
     let places = [[away[0], 0.0], [-away[0], 0.0], [0.0, away[1]], [0.0, -away[1]]];
     for (i, place) in places.into_iter().enumerate() {
-        let (position, direction) = beam.start(place);
-        rays.set(i, position, direction);
+        rays.launch(i, &beam.start(place));
     }
     trace_lanes(surfaces, &mut rays);
     [0, 1].map(|axis| {

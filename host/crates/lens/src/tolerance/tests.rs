@@ -160,6 +160,21 @@ fn a_decentred_perfect_lens_stays_perfect() {
     assert!(still.iter().zip(tilted).all(|(a, b)| a - b > 0.01), "{still:?} {tilted:?}");
 }
 
+/// A wavelength of weight 0 is as one that is not there.
+#[test]
+fn wavelengths_count_by_their_weights() {
+    let figures = |waves: &str| {
+        let system = system(&TRIPLET.replace("wavelengths_nm = [486.1, 587.6, 656.3]", waves));
+        let plan = Plan { frequency_per_mm: Some(40.0), ..plan(NONE, 1, &[0.0, 10.0]) };
+        let study = Study::new(&system, &plan).unwrap();
+        study.figures(&Departing::new(&system.prescription)).unwrap()
+    };
+    let all = "wavelengths_nm = [486.1, 587.6, 656.3]\nwavelength_weights";
+    let green = figures("wavelengths_nm = [587.6]");
+    assert_eq!(figures(&format!("{all} = [0, 2, 0]")), green);
+    assert_ne!(figures(&format!("{all} = [1, 2, 1]")), green);
+}
+
 /// The MTF of the prescription agrees with that of its diffraction PSF, off the axis and in
 /// colours.
 #[test]

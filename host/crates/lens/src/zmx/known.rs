@@ -14,7 +14,7 @@ const SET: &[&str] =
     &["VERS", "AUTH", "NOTE", "PFIL", "LANG", "LUID", "DBDT", "COFN", "BLNK", "MODE", "MNUM"];
 /// What other lines say, in an older form, or what follows from them.
 const COPIES: &[&str] = &["XFLD", "YFLD", "WAVL", "WAVN", "PUPD"];
-/// Weights of fields and wavelengths in merit functions.
+/// Weights of fields in merit functions, and those of wavelengths in an older form.
 const WEIGHTS: &[&str] = &["FWGN", "FWGT", "WWGN", "WWGT"];
 /// How its program computes: guesses for aimed rays, margins of semi-diameters, the reference of
 /// path differences, paraxial rays, polarisation, the origin of coordinates, non-sequential rays.

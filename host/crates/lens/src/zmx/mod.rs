@@ -58,6 +58,9 @@ struct File {
     fields_y: Vec<f64>,
     vignetting: [Vec<f64>; 4],
     waves: Vec<f64>,
+    weights: Vec<f64>,
+    /// Those of files without a line for each wavelength.
+    old_weights: Vec<f64>,
     primary: usize,
     makers: Vec<String>,
     surfaces: Vec<Draft>,
@@ -175,6 +178,8 @@ impl File {
                 let slot = count(rest, 0, keyword)?;
                 if slot == self.waves.len() + 1 {
                     self.waves.push(nanometres(value(rest, 1, keyword)?));
+                    let weight = if rest.len() > 2 { value(rest, 2, keyword)? } else { 1.0 };
+                    self.weights.push(weight);
                 }
             }
             "WAVL" if self.waves.is_empty() => {
@@ -182,6 +187,7 @@ impl File {
                 self.waves = micrometres.into_iter().map(nanometres).collect();
                 self.counts[1] = self.counts[1].max(self.waves.len());
             }
+            "WWGT" => self.old_weights = numbers(keyword, rest)?,
             "PWAV" => self.primary = count(rest, 0, keyword)?,
             "GCAT" => self.makers = rest.iter().map(|m| m.to_ascii_lowercase()).collect(),
             "SURF" => {
@@ -396,7 +402,7 @@ impl File {
                 .at(format!("line {}", drafts[image].line))
                 .help("sensors are flat: set its curvature to 0"));
         }
-        let waves = self.wavelengths();
+        let (waves, wavelength_weights) = self.wavelengths();
         let glasses = Glasses { catalogue: glasses, makers: &self.makers, wavelengths_nm: &waves };
         let mut surfaces = Vec::with_capacity(lens.len());
         let mut open = true;
@@ -439,6 +445,7 @@ impl File {
             aperture,
             telecentric: self.telecentric,
             wavelengths_nm: waves,
+            wavelength_weights,
             reference_nm,
             fields,
             notes: self.notes,
@@ -447,8 +454,8 @@ impl File {
         Ok(prescription)
     }
 
-    /// The wavelengths in use, nm.
-    fn wavelengths(&mut self) -> Vec<f64> {
+    /// The wavelengths in use, nm, and their weights.
+    fn wavelengths(&mut self) -> (Vec<f64>, Vec<f64>) {
         let mut all = std::mem::take(&mut self.waves);
         match self.counts[1] {
             0 if all.len() > 1 => self.notes.push(format!(
@@ -458,7 +465,12 @@ impl File {
             0 => {}
             used => all.truncate(used),
         }
-        all
+        let mut weights = std::mem::take(&mut self.weights);
+        if weights.is_empty() {
+            weights = std::mem::take(&mut self.old_weights);
+        }
+        weights.truncate(all.len());
+        (all, weights)
     }
 
     fn aperture(&self, scale: f64, stop: &Draft) -> Result<Aperture> {
