@@ -239,7 +239,11 @@ fn system(on_stop: &str) -> System {
 
 /// The solid angle of a characterisation over heights.
 fn steradians_over_heights(system: &System) -> f64 {
-    let plan = Plan {
+    characterise(system, &plan_of_heights(), &|_, _| ()).unwrap().steradians(550.0)
+}
+
+fn plan_of_heights() -> Plan {
+    Plan {
         heights: 2,
         density: None,
         max_field_deg: 1.0,
@@ -247,20 +251,22 @@ fn steradians_over_heights(system: &System) -> f64 {
         psf_size: 16,
         psf_spacing_um: None,
         method: PsfMethod::Geometric,
-    };
-    characterise(system, &plan, &|_, _| ()).unwrap().steradians(550.0)
+    }
 }
 
-fn steradians(system: &System) -> [f64; 2] {
-    let plan = PlanePlan {
+fn plan_of_plane() -> PlanePlan {
+    PlanePlan {
         frame_mm: [0.2, 0.2],
         density: None,
         wavelengths_nm: vec![550.0],
         psf_size: 16,
-        psf_spacing_um: Some(1.0),
+        psf_spacing_um: None,
         method: PsfMethod::Geometric,
-    };
-    let plane = field::characterise(system, &plan, &|_, _| ()).unwrap();
+    }
+}
+
+fn steradians(system: &System) -> [f64; 2] {
+    let plane = field::characterise(system, &plan_of_plane(), &|_, _| ()).unwrap();
     [steradians_over_heights(system), plane.steradians(550.0)]
 }
 
@@ -313,14 +319,54 @@ fn a_sensor_out_of_focus_gets_the_light_of_the_rays_that_reach_it() {
         let mut lens = lens_of("", "");
         lens.aperture = Aperture::EntrancePupil(2.0 * half_mm);
         let conditions = Conditions { sensor_shift_mm: shift_mm, ..Conditions::default() };
-        steradians_over_heights(&System::new(lens, conditions).unwrap())
+        steradians(&System::new(lens, conditions).unwrap())
     };
     for (shift_mm, tolerance) in [(0.0, 1e-4), (-0.5, 2e-3), (0.5, 2e-3), (1.0, 4e-3)] {
         let sensor_mm = FOCUS_MM + shift_mm;
         let theta = bisected(|theta| height_on_stop(theta, sensor_mm) - half_mm, 0.5);
         let right = PI * theta.sin().powi(2);
-        let found = lens(shift_mm);
-        assert!((found / right - 1.0).abs() < tolerance, "{shift_mm}: {found} instead of {right}");
+        for found in lens(shift_mm) {
+            assert!((found / right - 1.0).abs() < tolerance, "{shift_mm}: {found}, not {right}");
+        }
     }
-    assert!(lens(1.0) < 0.87 * lens(0.0));
+    assert!(lens(1.0)[0] < 0.87 * lens(0.0)[0]);
+}
+
+/// Projected solid angle of a disc of radius `a` seen from `r` off its axis in a plane `d` away
+/// (Foote, Bull. Bureau of Standards 12, 583, 1916), sr.
+fn disc(a: f64, d: f64, r: f64) -> f64 {
+    let sum = d * d + r * r;
+    0.5 * PI * (1.0 - (sum - a * a) / ((sum + a * a).powi(2) - 4.0 * r * r * a * a).sqrt())
+}
+
+/// A stop behind the lens is its exit pupil: every place of the sensor sees it as a disc, in focus
+/// or not, and where the image of a singlet is curved away from the sensor.
+#[test]
+fn a_stop_behind_the_lens_lights_the_sensor_as_a_disc() {
+    let (radius_mm, focus_mm) = (4.0, 43.6);
+    for shift_mm in [0.0, -2.0, 2.0] {
+        let distance_mm = focus_mm + shift_mm;
+        let text = format!(
+            "format = 'camrig-prescription/1'\nwavelengths_nm = [550.0]\nfields_deg = [0.0]\n\
+             [aperture]\nstop_radius_mm = {radius_mm}\n[[surface]]\nradius_mm = 50.0\n\
+             thickness_mm = 3.0\nglass = 'N-BK7'\n[[surface]]\nradius_mm = -50.0\n\
+             thickness_mm = 4.0\n[[surface]]\nstop = true\nthickness_mm = {distance_mm}\n"
+        );
+        let lens = toml::read(&text, &Catalogue::default()).unwrap();
+        let system = System::new(lens, Conditions::default()).unwrap();
+        let plan = Plan { max_field_deg: 12.0, heights: 4, ..plan_of_heights() };
+        let over_heights = characterise(&system, &plan, &|_, _| ()).unwrap();
+        let plan = PlanePlan { frame_mm: [12.0, 9.0], ..plan_of_plane() };
+        let over_plane = field::characterise(&system, &plan, &|_, _| ()).unwrap();
+        let heights = over_heights.real_height_mm.iter().zip(&over_heights.relative_illumination);
+        let heights = heights.map(|(r, part)| (*r, part * over_heights.steradians(550.0)));
+        let places = over_plane.real_x_mm.iter().zip(&over_plane.real_y_mm);
+        let places = places.zip(&over_plane.relative_illumination);
+        let places =
+            places.map(|((x, y), part)| (x.hypot(*y), part * over_plane.steradians(550.0)));
+        for (r, found) in heights.chain(places) {
+            let right = disc(radius_mm, distance_mm, r);
+            assert!((found / right - 1.0).abs() < 1e-4, "{distance_mm} {r}: {found} {right}");
+        }
+    }
 }

@@ -167,11 +167,7 @@ impl AxisTrain {
         axis.check_rim()?;
         let outline = axis.outline(AZIMUTHS)?;
         let axis_sr = outline.projected_solid_angle();
-        let sensor_mm = train.surfaces.last().map_or(0.0, |s| s.thickness);
-        let behind = sensor_mm - train.paraxial.exit_z_mm;
-        let forward = axis.chief.direction[2][0].signum();
-        let pupil_mm = if behind.is_finite() { behind * forward } else { f64::INFINITY };
-        let sensor_sr = outline.projected_solid_angle_from_sensor(pupil_mm);
+        let sensor_sr = axis.solid_angle_from_sensor(&outline);
         Ok(Self { train, axis_sr, sensor_sr })
     }
 }
@@ -298,7 +294,11 @@ impl Tracer<'_> {
         let psf = aimed.psf(window, plan.method)?;
         // Rows rise away from the axis.
         let samples = samples_upright(&psf, window.size, [false, side(system) < 0.0]);
-        Ok(Traced { point: aimed.point(false), samples, captured: psf.captured })
+        let mut point = aimed.point(false);
+        // Pictures are of the light that the sensor gets, in focus or not.
+        let sensor_sr = aimed.beam.solid_angle_from_sensor(&aimed.outline);
+        point.relative_illumination = sensor_sr / aimed.train.sensor_sr;
+        Ok(Traced { point, samples, captured: psf.captured })
     }
 }
 

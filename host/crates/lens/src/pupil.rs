@@ -49,6 +49,20 @@ pub trait Bundle {
         (rays.path[i] - back - (self.chief().path[0] - r)) * 1e6 / self.train().nm
     }
 
+    /// Projected solid angle of the exit pupil, which `outline` bounds, seen from where the chief ray
+    /// lands, sr. It is [`Outline::projected_solid_angle`] where the rays of the field point meet
+    /// there. Elsewhere, out of focus or where the image is curved, it is that of the rays which
+    /// arrive there from all of the scene, to first order in how far the rays of one point miss it.
+    #[must_use]
+    fn solid_angle_from_sensor(&self, outline: &Outline) -> f64 {
+        let thickness = self.train().surfaces.last().map_or(0.0, |s| s.thickness);
+        let behind = thickness - self.train().paraxial.exit_z_mm;
+        let (place, direction) = self.chief().get(0);
+        let pupil_mm =
+            if behind.is_finite() { behind * direction[2].signum() } else { f64::INFINITY };
+        outline.extent.copies() * outline.area(|p| p.towards([place[0], place[1]], pupil_mm))
+    }
+
     /// Radius of the reference sphere, mm: centred on the chief ray's image point, through the
     /// place where the chief ray meets the plane of the paraxial exit pupil (of this wavelength).
     /// Negative where that lies behind the image.
@@ -464,11 +478,12 @@ impl EdgePoint {
     }
 
     /// Direction cosines of the line from where the ray crosses the exit pupil, `pupil_mm` in front
-    /// of the sensor, to the sensor's axis.
-    fn towards_axis(&self, pupil_mm: f64) -> [f64; 2] {
+    /// of the sensor, to a place of the sensor.
+    fn towards(&self, place: [f64; 2], pupil_mm: f64) -> [f64; 2] {
         let [l, m] = self.direction;
         let forward = (1.0 - l * l - m * m).sqrt();
-        let slopes = [0, 1].map(|k| self.direction[k] / forward - self.landing[k] / pupil_mm);
+        let aside = |k: usize| (self.landing[k] - place[k]) / pupil_mm;
+        let slopes = [0, 1].map(|k| self.direction[k] / forward - aside(k));
         let length = (1.0 + slopes[0] * slopes[0] + slopes[1] * slopes[1]).sqrt();
         slopes.map(|slope| slope / length)
     }
@@ -504,15 +519,6 @@ impl Outline {
     #[must_use]
     pub fn projected_solid_angle(&self) -> f64 {
         self.extent.copies() * self.area(|point| point.direction)
-    }
-
-    /// Projected solid angle of the exit pupil, `pupil_mm` in front of the sensor, seen from the
-    /// sensor's axis, sr. It is [`Self::projected_solid_angle`] where the rays meet there. Of a
-    /// sensor out of focus it is that of the rays which arrive there from all of the scene, to
-    /// first order in how far the rays of one point miss it.
-    #[must_use]
-    pub(super) fn projected_solid_angle_from_sensor(&self, pupil_mm: f64) -> f64 {
-        self.extent.copies() * self.area(|point| point.towards_axis(pupil_mm))
     }
 
     /// Area over the extent of the polygon through the edge points, in the coordinates `of`.

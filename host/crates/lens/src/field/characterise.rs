@@ -17,6 +17,7 @@ use super::{Beam, Map};
 use crate::characterise::{PsfMethod, samples_upright, spacing_um, traced_psf};
 use crate::heights::{Density, blend_error_window};
 use crate::psf::{PROBE_CELLS, Window};
+use crate::pupil::Bundle;
 use crate::samples::PupilSamples;
 use crate::system::System;
 use crate::train::Train;
@@ -69,7 +70,7 @@ struct Traced {
     captured: f64,
 }
 
-/// The lens at a wavelength, with the solid angle of its pupil in the middle of the field.
+/// The lens at a wavelength, with the solid angle of the light in the middle of the sensor.
 struct MiddleTrain {
     train: Train,
     middle_sr: f64,
@@ -78,7 +79,8 @@ struct MiddleTrain {
 impl MiddleTrain {
     fn new(system: &System, nm: f64) -> Result<Self> {
         let train = system.at(nm)?;
-        let middle_sr = Beam::aim(&train, [0.0; 2])?.outline()?.projected_solid_angle();
+        let beam = Beam::aim(&train, [0.0; 2])?;
+        let middle_sr = beam.solid_angle_from_sensor(&beam.outline()?);
         Ok(Self { train, middle_sr })
     }
 }
@@ -312,7 +314,7 @@ impl Tracer<'_> {
         let psf = traced_psf(&beam, &outline, &self.window, self.plan.method, &place)?;
         Ok(Traced {
             real_mm: self.picture.of_image(beam.landing()),
-            relative_illumination: outline.projected_solid_angle() / middle_sr,
+            relative_illumination: beam.solid_angle_from_sensor(&outline) / middle_sr,
             psf: samples_upright(&psf, self.window.size, self.picture.signs.map(|s| s < 0.0)),
             captured: psf.captured,
         })
