@@ -5,7 +5,9 @@
 //! values (real height in mm, ratio, radians), `_PSF_h_w` or `_2D_PSF_Fldh_Wavew` one PSF each.
 //! PSFs may cover a part of heights and wavelengths, but all combinations of that part.
 
+use super::decimals::with_points;
 use super::listing::{self, PsfListing};
+use super::{check, check_place};
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
 use camrig_glass::text::{number, read_text};
@@ -130,12 +132,13 @@ fn read_set(parameter_file: &Path, parameters: &Parameters) -> Result<Characteri
     let heights_mm = parameters.heights()?;
     let cells = heights_mm.len() * wavelengths_nm.len();
     let table = |kind: &str| {
-        let path = dir.join(format!("{base}_{kind}_.dat"));
+        let path = file(dir, &format!("{base}_{kind}_.dat"))?;
         let text = read_text(&path)?;
-        let values: Result<Vec<f64>> = super::words(&text.replace(['\r', '\n'], " "))
-            .into_iter()
-            .map(|w| number("value", w))
-            .collect();
+        let values: Result<Vec<f64>> =
+            super::words(&with_points(&text).replace(['\r', '\n'], " "))
+                .into_iter()
+                .map(|w| number("value", w))
+                .collect();
         let values = values.map_err(|e| e.at(path.display()))?;
         if values.len() != cells {
             return Err(Error::input(format!("{} values instead of {cells}", values.len()))
@@ -148,14 +151,15 @@ fn read_set(parameter_file: &Path, parameters: &Parameters) -> Result<Characteri
         }
         Ok(values)
     };
-    let real_height_mm = table("DI")?.into_iter().map(f64::abs).collect();
+    let real_height_mm: Vec<f64> = table("DI")?.into_iter().map(f64::abs).collect();
     let relative_illumination = table("RI")?;
-    let chief_ray_angle_deg = match dir.join(format!("{base}_CRA_.dat")).exists() {
+    let chief_ray_angle_deg = match file(dir, &format!("{base}_CRA_.dat"))?.exists() {
         true => Some(table("CRA")?.into_iter().map(|v| v.abs().to_degrees()).collect()),
         false => None,
     };
     let spacing_um = parameters.number("psfSpacing")? * 1e3;
-    let psf = psf_grid(dir, &base, &heights_mm, &wavelengths_nm, spacing_um)?;
+    let set = Set { base: &base, heights: &heights_mm, wavelengths: &wavelengths_nm, spacing_um };
+    let psf = set.psf_grid(dir, &real_height_mm)?;
     Ok(Characterisation {
         name: base,
         source: format!(
@@ -178,9 +182,19 @@ fn read_set(parameter_file: &Path, parameters: &Parameters) -> Result<Characteri
     })
 }
 
+/// The file of this name in a folder, in capitals or not.
+fn file(dir: &Path, name: &str) -> Result<PathBuf> {
+    let same = |path: &PathBuf| path.file_name().is_some_and(|own| own.eq_ignore_ascii_case(name));
+    Ok(files(dir)?.into_iter().find(same).unwrap_or_else(|| dir.join(name)))
+}
+
 /// Height and wavelength numbers (from 1) in a PSF file's name.
 fn psf_numbers(name: &str, base: &str) -> Option<(usize, usize)> {
-    let rest = name.strip_prefix(base)?.strip_suffix(".dat")?;
+    let rest = name.strip_prefix(base)?;
+    let (rest, ending) = rest.split_at_checked(rest.len().checked_sub(4)?)?;
+    if !ending.eq_ignore_ascii_case(".dat") {
+        return None;
+    }
     let numbers = match rest.strip_prefix("_2D_PSF_Fld") {
         Some(new) => new.split_once("_Wave")?,
         None => rest.strip_prefix("_PSF_")?.split_once('_')?,
@@ -188,18 +202,23 @@ fn psf_numbers(name: &str, base: &str) -> Option<(usize, usize)> {
     Some((numbers.0.parse().ok()?, numbers.1.parse().ok()?))
 }
 
-fn psf_grid(
-    dir: &Path,
-    base: &str,
-    heights: &[f64],
-    wavelengths: &[f64],
+/// What a parameter file announces of its PSFs.
+struct Set<'a> {
+    base: &'a str,
+    heights: &'a [f64],
+    wavelengths: &'a [f64],
     spacing_um: f64,
-) -> Result<PsfGrid> {
-    let mut found = BTreeMap::new();
-    for path in files(dir)? {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if let Some((h, w)) = psf_numbers(&name, base) {
-            if !(1..=heights.len()).contains(&h) || !(1..=wavelengths.len()).contains(&w) {
+}
+
+impl Set<'_> {
+    /// The PSF files of a folder by the numbers, from 1, of their heights and wavelengths.
+    fn psf_files(&self, dir: &Path) -> Result<BTreeMap<(usize, usize), PathBuf>> {
+        let mut found = BTreeMap::new();
+        for path in files(dir)? {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let Some((h, w)) = psf_numbers(&name, self.base) else { continue };
+            let announced = (1..=self.heights.len()).contains(&h);
+            if !announced || !(1..=self.wavelengths.len()).contains(&w) {
                 return Err(Error::input(format!("PSF of height {h} and wavelength {w}"))
                     .at(path.display())
                     .help("the parameter file announces fewer"));
@@ -210,90 +229,80 @@ fn psf_grid(
                     .help("the exports of two macros lie in one folder; keep one of them"));
             }
         }
+        Ok(found)
     }
-    let mut h_used: Vec<usize> = found.keys().map(|k| k.0).collect();
-    let mut w_used: Vec<usize> = found.keys().map(|k| k.1).collect();
-    for used in [&mut h_used, &mut w_used] {
-        used.sort_unstable();
-        used.dedup();
+
+    /// A PSF of which the chief ray meets the image at `real_mm`.
+    fn listing(&self, path: &Path, nm: f64, real_mm: f64) -> Result<PsfListing> {
+        let listing = listing::psf(&read_text(path)?).map_err(|e| e.at(path.display()))?;
+        check(&listing, nm, self.spacing_um)
+            .and_then(|()| check_place(&listing, Some(real_mm)))
+            .map_err(|e| e.at(path.display()))?;
+        Ok(listing)
     }
-    if h_used.first() != Some(&1) {
-        return Err(Error::input(format!(
-            "no PSF file of the axis ({base}_2D_PSF_Fld1_Wave1.dat, ...)"
-        ))
-        .at(dir.display())
-        .help("PSFs start on the axis, at height number 1"));
-    }
-    let (mut size, mut data, mut captured) = (0, Vec::new(), Vec::new());
-    let mut from_below = None;
-    for &h in &h_used {
-        for &w in &w_used {
-            let Some(path) = found.get(&(h, w)) else {
-                return Err(Error::input(format!(
-                    "no PSF for height {} mm at {} nm",
-                    heights[h - 1],
-                    wavelengths[w - 1]
-                ))
-                .at(dir.display())
-                .help(format!(
-                    "{base}_2D_PSF_Fld{h}_Wave{w}.dat is missing; export it, or remove that \
-                     height or wavelength"
-                )));
-            };
-            let text = read_text(path)?;
-            let listing = listing::psf(&text).map_err(|e| e.at(path.display()))?;
-            check(&listing, wavelengths[w - 1], spacing_um).map_err(|e| e.at(path.display()))?;
-            // The axis comes first, and decides for the set.
-            let below = *from_below.get_or_insert_with(|| listing.counts_rows_from_below());
-            let listing = if below { listing.counted_from_below() } else { listing };
-            let (n, samples, kept) = listing.oriented(listing.runs_outwards());
-            if size != 0 && n != size {
-                return Err(Error::input(format!(
-                    "a PSF of {n} x {n} samples, others have {size}"
-                ))
-                .at(path.display())
-                .help("export all PSFs with the same grid"));
-            }
-            size = n;
-            captured.push(kept);
-            // A PSF without light stays without light; the check of the lens then refuses it by
-            // its place.
-            let sum = samples.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-            data.extend(samples.iter().map(|v| (v / sum) as f32));
+
+    /// The PSFs of the set, whose chief rays meet the image at these heights, mm.
+    fn psf_grid(&self, dir: &Path, real_height_mm: &[f64]) -> Result<PsfGrid> {
+        let Self { base, heights, wavelengths, spacing_um } = *self;
+        let found = self.psf_files(dir)?;
+        let mut h_used: Vec<usize> = found.keys().map(|k| k.0).collect();
+        let mut w_used: Vec<usize> = found.keys().map(|k| k.1).collect();
+        for used in [&mut h_used, &mut w_used] {
+            used.sort_unstable();
+            used.dedup();
         }
+        if h_used.first() != Some(&1) {
+            return Err(Error::input(format!(
+                "no PSF file of the axis ({base}_2D_PSF_Fld1_Wave1.dat, ...)"
+            ))
+            .at(dir.display())
+            .help("PSFs start on the axis, at height number 1"));
+        }
+        let (mut size, mut data, mut captured) = (0, Vec::new(), Vec::new());
+        let mut from_below = None;
+        for &h in &h_used {
+            for &w in &w_used {
+                let Some(path) = found.get(&(h, w)) else {
+                    return Err(Error::input(format!(
+                        "no PSF for height {} mm at {} nm",
+                        heights[h - 1],
+                        wavelengths[w - 1]
+                    ))
+                    .at(dir.display())
+                    .help(format!(
+                        "{base}_2D_PSF_Fld{h}_Wave{w}.dat is missing; export it, or remove that \
+                     height or wavelength"
+                    )));
+                };
+                let real_mm = real_height_mm[(h - 1) * wavelengths.len() + w - 1];
+                let listing = self.listing(path, wavelengths[w - 1], real_mm)?;
+                // The axis comes first, and decides for the set.
+                let below = *from_below.get_or_insert_with(|| listing.counts_rows_from_below());
+                let listing = if below { listing.counted_from_below() } else { listing };
+                let (n, samples, kept) = listing.oriented(listing.runs_outwards());
+                if size != 0 && n != size {
+                    return Err(Error::input(format!(
+                        "a PSF of {n} x {n} samples, others have {size}"
+                    ))
+                    .at(path.display())
+                    .help("export all PSFs with the same grid"));
+                }
+                size = n;
+                captured.push(kept);
+                // A PSF without light stays without light; the check of the lens then refuses it by
+                // its place.
+                let sum = samples.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+                data.extend(samples.iter().map(|v| (v / sum) as f32));
+            }
+        }
+        Ok(PsfGrid {
+            heights_mm: h_used.iter().map(|h| heights[h - 1]).collect(),
+            wavelengths_nm: w_used.iter().map(|w| wavelengths[w - 1]).collect(),
+            size,
+            spacing_um,
+            data,
+            captured: captured.iter().any(|v| *v < 1.0).then_some(captured),
+            between: None,
+        })
     }
-    Ok(PsfGrid {
-        heights_mm: h_used.iter().map(|h| heights[h - 1]).collect(),
-        wavelengths_nm: w_used.iter().map(|w| wavelengths[w - 1]).collect(),
-        size,
-        spacing_um,
-        data,
-        captured: captured.iter().any(|v| *v < 1.0).then_some(captured),
-        between: None,
-    })
-}
-
-/// Largest difference of a listing's wavelength from that of the parameters, nm: listings print
-/// four decimals of a micrometre, and parameter files may round to whole nanometres.
-const WAVELENGTH_TOLERANCE_NM: f64 = 0.5;
-/// Largest relative difference of the sample distance: listings print few digits.
-const SPACING_TOLERANCE: f64 = 0.02;
-
-/// Checks that a listing is the one that the parameters announce.
-pub(super) fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
-    if let Some(own) = listing.wavelength_nm
-        && (own - nm).abs() > WAVELENGTH_TOLERANCE_NM
-    {
-        return Err(Error::input(format!("a PSF of {own} nm where {nm} nm is expected"))
-            .help("the files do not belong together, or their numbers are mixed up"));
-    }
-    if let Some(own) = listing.spacing_um
-        && (own - spacing_um).abs() > SPACING_TOLERANCE * spacing_um
-    {
-        return Err(Error::input(format!(
-            "PSF samples {own} µm apart where {spacing_um} µm are expected"
-        ))
-        .help("the files do not belong together"));
-    }
-    Ok(())
 }

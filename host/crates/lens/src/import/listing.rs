@@ -1,6 +1,7 @@
 //! Zemax OpticStudio text listings: Huygens and FFT PSF, grid distortion, relative illumination;
 //! and bare grids of numbers (CODE V PSFs, CSV).
 
+use super::decimals::with_points;
 use super::{rows_of_numbers, words};
 use camrig_base::{Error, Result};
 use camrig_glass::text::number;
@@ -10,11 +11,13 @@ use camrig_glass::text::number;
 pub struct PsfListing {
     /// Wavelength, nm, where the file states it.
     pub wavelength_nm: Option<f64>,
-    /// Field as printed (degrees or mm, signed), where the file states it.
-    pub field: Option<f64>,
-    /// Height y of the chief ray in the image, signed, in the file's unit, where the file states
+    /// Field as printed, x and y, where the file states it.
+    pub field: Option<[f64; 2]>,
+    /// Whether the field is a length, not an angle.
+    pub field_is_length: bool,
+    /// Where the chief ray meets the image, x and y in the lens's own unit, where the file states
     /// it.
-    pub image_y: Option<f64>,
+    pub image: Option<[f64; 2]>,
     /// Distance between samples, µm, where the file states it.
     pub spacing_um: Option<f64>,
     /// Rows and columns.
@@ -29,11 +32,12 @@ pub struct PsfListing {
 /// N/2 + 1 (as CODE V writes it).
 ///
 /// # Errors
-/// A listing that is cut short, values that are negative or no numbers; with the line.
+/// A listing that is cut short, of several wavelengths or of a field off both axes; values that are
+/// negative or no numbers; with the line.
 pub fn psf(text: &str) -> Result<PsfListing> {
+    let text = with_points(text);
     let header = text.lines().take(3).any(|l| l.contains("Listing of") || l.contains("PSF Data"));
-    let listing = if header { zemax_psf(text)? } else { bare_psf(text)? };
-    Ok(listing)
+    if header { zemax_psf(&text)?.turned_to_y() } else { bare_psf(&text) }
 }
 
 fn bare_psf(text: &str) -> Result<PsfListing> {
@@ -46,15 +50,7 @@ fn bare_psf(text: &str) -> Result<PsfListing> {
     if let Some(row) = rows.iter().position(|r| r.iter().any(|v| *v < 0.0)) {
         return Err(negative().at(format!("row {}", row + 1)));
     }
-    Ok(PsfListing {
-        wavelength_nm: None,
-        field: None,
-        image_y: None,
-        spacing_um: None,
-        shape,
-        centre: [shape[0] / 2, shape[1] / 2],
-        data: rows.concat(),
-    })
+    Ok(PsfListing::bare(shape, rows.concat()))
 }
 
 fn negative() -> Error {
@@ -76,9 +72,64 @@ fn labelled<'a>(line: &'a str, label: &str) -> Option<&'a str> {
     Some(rest)
 }
 
+/// The lines of a PSF listing in front of its values.
+#[derive(Default)]
+struct Header {
+    wavelength_nm: Option<f64>,
+    field: Option<[f64; 2]>,
+    field_is_length: bool,
+    image: Option<[f64; 2]>,
+    spacing_um: Option<f64>,
+    shape: Option<[usize; 2]>,
+    centre: Option<[usize; 2]>,
+}
+
+impl Header {
+    fn line(&mut self, line: &str) -> Result<()> {
+        if let Some(rest) = labelled(line, "Data spacing is") {
+            self.spacing_um = Some(length_um(rest)?);
+        } else if let Some(rest) = labelled(line, "Image grid size:") {
+            self.shape = Some(two(rest, "by")?);
+        } else if let Some(rest) = labelled(line, "Center point is:") {
+            self.centre = Some(two(rest, ",")?);
+        } else if let Some(rest) = labelled(line, "Center coordinates:") {
+            // Their signs tell which way is up.
+            let words = words(rest);
+            let read = |i: usize| number("image position", words.get(i).copied().unwrap_or(""));
+            self.image = Some([read(0)?, read(1)?]);
+        } else if ["µm at ", "μm at ", "um at "].iter().any(|words| line.contains(words)) {
+            self.wavelength_and_field(line)?;
+        }
+        Ok(())
+    }
+
+    /// `0.5500 µm at -27.38 deg.`; FFT: `0.4500 to 0.4500 µm at 4.0000, 0.0000 mm.`
+    fn wavelength_and_field(&mut self, line: &str) -> Result<()> {
+        let words: Vec<&str> = line.split([' ', ',']).filter(|w| !w.is_empty()).collect();
+        let first = number("wavelength", words[0])?;
+        if words.get(1) == Some(&"to") {
+            let last = number("wavelength", words.get(2).copied().unwrap_or(""))?;
+            if last != first {
+                return Err(Error::input(format!("a PSF of {first} to {last} µm"))
+                    .help("export one PSF for each wavelength"));
+            }
+        }
+        self.wavelength_nm = Some(first * 1e3);
+        let after: Vec<&str> = words.into_iter().skip_while(|w| *w != "at").skip(1).collect();
+        let field: Vec<f64> = after.iter().map_while(|w| w.parse().ok()).collect();
+        self.field_is_length =
+            after.get(field.len()).is_some_and(|unit| unit.trim_matches(['(', ')', '.']) == "mm");
+        self.field = match field[..] {
+            [y] => Some([0.0, y]),
+            [x, y, ..] => Some([x, y]),
+            [] => None,
+        };
+        Ok(())
+    }
+}
+
 fn zemax_psf(text: &str) -> Result<PsfListing> {
-    let (mut wavelength_nm, mut field, mut image_y, mut spacing_um) = (None, None, None, None);
-    let (mut shape, mut centre) = (None, None);
+    let mut header = Header::default();
     let mut rows: Vec<(usize, Vec<f64>)> = Vec::new();
     let mut values_follow = false;
     for (i, raw) in text.lines().enumerate() {
@@ -95,71 +146,59 @@ fn zemax_psf(text: &str) -> Result<PsfListing> {
                 return Err(at(negative()));
             }
             rows.push((i + 1, row));
-            continue;
-        }
-        if labelled(line, "Values are").is_some() {
+        } else if labelled(line, "Values are").is_some() {
             values_follow = true;
-        } else if let Some(rest) = labelled(line, "Data spacing is") {
-            spacing_um = Some(length_um(rest).map_err(at)?);
-        } else if let Some(rest) = labelled(line, "Image grid size:") {
-            shape = Some(two(rest, "by").map_err(at)?);
-        } else if let Some(rest) = labelled(line, "Center point is:") {
-            centre = Some(two(rest, ",").map_err(at)?);
-        } else if let Some(rest) = labelled(line, "Center coordinates:") {
-            // Its sign tells which way is up.
-            let y = words(rest).get(1).copied().unwrap_or("");
-            image_y = Some(number("image position y", y).map_err(at)?);
-        } else if ["µm at ", "μm at ", "um at "].iter().any(|words| line.contains(words)) {
-            // `0.5500 µm at -27.38 deg.`; FFT: `0.4500 to 0.4500 µm at 4.0000, 0.0000 mm.`
-            let words: Vec<&str> = line.split([' ', ',']).filter(|w| !w.is_empty()).collect();
-            wavelength_nm = Some(number("wavelength", words[0]).map_err(at)? * 1e3);
-            let after: Vec<f64> = words
-                .iter()
-                .skip_while(|w| **w != "at")
-                .skip(1)
-                .map_while(|w| w.parse().ok())
-                .collect();
-            field = after.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        } else {
+            header.line(line).map_err(at)?;
         }
     }
-    let whole = |what: &str| {
-        Error::input(format!("the listing has no line \"{what}\""))
-            .help("export it again as text, with its header")
-    };
-    let columns = rows.first().map_or(0, |(_, r)| r.len());
-    // FFT listings give no grid size; theirs are square.
-    let shape = shape.unwrap_or([columns, columns]);
-    if !values_follow || shape[0] == 0 {
-        return Err(whole("Values are ..."));
-    }
-    if let Some((line, row)) = rows.iter().find(|(_, r)| r.len() != shape[1]) {
-        return Err(Error::input(format!("{} values instead of {}", row.len(), shape[1]))
-            .at(format!("line {line}"))
-            .help("the export is cut short or damaged; export it again"));
-    }
-    if rows.len() != shape[0] {
-        return Err(Error::input(format!(
-            "{} rows of values instead of {}",
-            rows.len(),
-            shape[0]
-        ))
-        .at(format!("line {}", rows.last().map_or(0, |(line, _)| *line)))
-        .help("the export is cut short; export it again"));
-    }
-    let centre = centre.unwrap_or([shape[0] / 2 + 1, shape[1] / 2 + 1]);
-    if centre.iter().zip(shape).any(|(c, n)| *c < 1 || *c > n) {
-        return Err(Error::input(format!("the centre point {centre:?} lies outside the grid"))
+    header.listing(rows)
+}
+
+impl Header {
+    /// The listing with these rows of values and their lines.
+    fn listing(self, rows: Vec<(usize, Vec<f64>)>) -> Result<PsfListing> {
+        let columns = rows.first().map_or(0, |(_, r)| r.len());
+        // FFT listings give no grid size; theirs are square.
+        let shape = self.shape.unwrap_or([columns, columns]);
+        if columns == 0 || shape[0] == 0 {
+            return Err(Error::input(
+                "the listing has no line \"Values are ...\" with values behind it",
+            )
+            .help("export it again as text in English, with its header"));
+        }
+        if let Some((line, row)) = rows.iter().find(|(_, r)| r.len() != shape[1]) {
+            return Err(Error::input(format!("{} values instead of {}", row.len(), shape[1]))
+                .at(format!("line {line}"))
+                .help("the export is cut short or damaged; export it again"));
+        }
+        if rows.len() != shape[0] {
+            return Err(Error::input(format!(
+                "{} rows of values instead of {}",
+                rows.len(),
+                shape[0]
+            ))
+            .at(format!("line {}", rows.last().map_or(0, |(line, _)| *line)))
+            .help("the export is cut short; export it again"));
+        }
+        let centre = self.centre.unwrap_or([shape[0] / 2 + 1, shape[1] / 2 + 1]);
+        if centre.iter().zip(shape).any(|(c, n)| *c < 1 || *c > n) {
+            return Err(Error::input(format!(
+                "the centre point {centre:?} lies outside the grid"
+            ))
             .help("export it again"));
+        }
+        Ok(PsfListing {
+            wavelength_nm: self.wavelength_nm,
+            field: self.field,
+            field_is_length: self.field_is_length,
+            image: self.image,
+            spacing_um: self.spacing_um,
+            shape,
+            centre: [centre[0] - 1, centre[1] - 1],
+            data: rows.into_iter().flat_map(|(_, r)| r).collect(),
+        })
     }
-    Ok(PsfListing {
-        wavelength_nm,
-        field,
-        image_y,
-        spacing_um,
-        shape,
-        centre: [centre[0] - 1, centre[1] - 1],
-        data: rows.into_iter().flat_map(|(_, r)| r).collect(),
-    })
 }
 
 /// ` 0.25 µm.` as µm.
@@ -188,13 +227,60 @@ fn two(text: &str, between: &str) -> Result<[usize; 2]> {
 }
 
 impl PsfListing {
+    /// A grid that says nothing of itself.
+    pub(super) fn bare(shape: [usize; 2], data: Vec<f64>) -> Self {
+        Self {
+            wavelength_nm: None,
+            field: None,
+            field_is_length: false,
+            image: None,
+            spacing_um: None,
+            shape,
+            centre: [shape[0] / 2, shape[1] / 2],
+            data,
+        }
+    }
+
+    /// Where the field lies, by its image or, where the listing does not say, as printed.
+    fn side(&self) -> Option<[f64; 2]> {
+        // On the axis, rounding errors of a trace are printed, in units of mm or inches.
+        const AXIS: f64 = 1e-6;
+        self.image.filter(|[x, y]| x.hypot(*y) > AXIS).or(self.field)
+    }
+
+    /// The listing with its field on the y axis: one on the x axis is turned, so that its rows run
+    /// from +x to −x.
+    fn turned_to_y(self) -> Result<Self> {
+        // Beside a field on one axis the other place is a rounding error.
+        const NOTHING: f64 = 1e-6;
+        let Some([x, y]) = self.side() else { return Ok(self) };
+        if x.abs() <= NOTHING * y.abs() {
+            return Ok(self);
+        }
+        if y.abs() > NOTHING * x.abs() {
+            return Err(Error::unsupported(format!("a field off both axes, at ({x}, {y})"))
+                .help("a lens over image height takes PSFs of fields along y or along x"));
+        }
+        let [rows, columns] = self.shape;
+        let turned = |i: usize| (0..rows).map(move |j| j * columns + (columns - 1 - i));
+        let data = (0..columns).flat_map(turned).map(|k| self.data[k]).collect();
+        Ok(Self {
+            field: self.field.map(|[x, y]| [y, x]),
+            image: self.image.map(|[x, y]| [y, x]),
+            shape: [columns, rows],
+            centre: [columns - 1 - self.centre[1], self.centre[0]],
+            data,
+            ..self
+        })
+    }
+
     /// Whether the rows, which run from +y to −y, run away from the axis: where the image lies at
     /// negative y. On the axis, or where the listing does not say, so that the chief ray's row
     /// comes to n/2 without losing one.
     #[must_use]
     pub fn runs_outwards(&self) -> bool {
-        match self.image_y.or(self.field) {
-            Some(y) if y != 0.0 => y < 0.0,
+        match self.side() {
+            Some([_, y]) if y != 0.0 => y < 0.0,
             _ => self.centre[0] >= self.shape[0] / 2,
         }
     }
@@ -253,11 +339,40 @@ impl PsfListing {
     }
 }
 
+/// The wavelength that a listing of a table states, nm: `Wavelength: 0.5500 µm`.
+///
+/// # Errors
+/// One that is no number.
+pub fn wavelength_nm(text: &str) -> Result<Option<f64>> {
+    let text = with_points(text);
+    let mut stated = text.lines().filter_map(|line| labelled(line.trim(), "Wavelength:"));
+    let Some(rest) = stated.next() else { return Ok(None) };
+    let um = number("wavelength", words(rest).first().copied().unwrap_or(""))?;
+    Ok(Some(um * 1e3))
+}
+
+/// Millimetres in the unit that a line `Units are Inches.` names.
+fn unit_mm(text: &str) -> Result<f64> {
+    let Some(unit) = text.lines().find_map(|line| labelled(line.trim(), "Units are")) else {
+        return Ok(1.0);
+    };
+    match unit.trim_matches([' ', '.']).to_ascii_lowercase().as_str() {
+        "millimeters" | "millimetres" | "mm" => Ok(1.0),
+        "centimeters" | "centimetres" | "cm" => Ok(10.0),
+        "inches" | "in" => Ok(25.4),
+        "meters" | "metres" | "m" => Ok(1000.0),
+        other => Err(Error::unsupported(format!("Units are {other}"))
+            .help("known are millimeters, centimeters, inches and meters")),
+    }
+}
+
 /// Reads a grid-distortion listing into pairs of predicted and real image height, mm, rising.
 ///
 /// # Errors
-/// A listing without its rows, or with rows that are cut short.
+/// A listing without its rows, or with rows that are cut short; an unknown unit.
 pub fn grid_distortion(text: &str) -> Result<Vec<[f64; 2]>> {
+    let text = with_points(text);
+    let unit_mm = unit_mm(&text)?;
     let mut pairs: Vec<[f64; 2]> = Vec::new();
     let mut table = false;
     for (i, line) in text.lines().enumerate() {
@@ -279,7 +394,7 @@ pub fn grid_distortion(text: &str) -> Result<Vec<[f64; 2]>> {
         let read = |k: usize| {
             number("grid distortion", words[k]).map_err(|e| e.at(format!("line {}", i + 1)))
         };
-        let radius = |x: f64, y: f64| (x * x + y * y).sqrt();
+        let radius = |x: f64, y: f64| (x * x + y * y).sqrt() * unit_mm;
         pairs.push([radius(read(5)?, read(6)?), radius(read(7)?, read(8)?)]);
     }
     pairs.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -302,6 +417,7 @@ pub fn grid_distortion(text: &str) -> Result<Vec<[f64; 2]>> {
 /// # Errors
 /// A listing without its rows.
 pub fn relative_illumination(text: &str) -> Result<Vec<[f64; 2]>> {
+    let text = with_points(text);
     let mut pairs = Vec::new();
     let mut table = false;
     for line in text.lines() {

@@ -26,10 +26,11 @@
 //! ```
 //!
 //! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`;
-//! without a wavelength they stand for all.
+//! a single one without a wavelength stands for all, several have those that they state.
 
+use super::decimals::with_points;
 use super::listing::{self, PsfListing};
-use super::{Table, words};
+use super::{Table, WAVELENGTH_TOLERANCE_NM, check, check_place, words};
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
 use camrig_formats::npy;
@@ -58,10 +59,17 @@ struct Manifest {
 }
 
 #[derive(Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a file's name, or { file = \"...\", wavelength_nm = ... }")]
 enum Source {
     File(String),
-    Of { file: String, wavelength_nm: f64 },
+    Of(OfWavelength),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OfWavelength {
+    file: String,
+    wavelength_nm: f64,
 }
 
 #[derive(Deserialize)]
@@ -89,11 +97,15 @@ pub fn read(path: &Path) -> Result<Characterisation> {
     }
     let dir = path.parent().unwrap_or(Path::new("."));
     let table = |what: &str, sources: &[Source]| {
-        tables(dir, sources, manifest.efl_mm).map_err(|e| e.at(what).at(path.display()))
+        tables(dir, sources, &manifest).map_err(|e| e.at(what).at(path.display()))
     };
     let distortion = table("distortion", &manifest.distortion)?;
     let illumination = table("relative_illumination", &manifest.relative_illumination)?;
-    let psf = psf_grid(dir, &manifest.psf).map_err(|e| e.at(path.display()))?;
+    let real_height_mm = |height_mm: f64, nm: f64| {
+        let reach = distortion.heights.last().copied().unwrap_or(0.0);
+        distortion.onto(&[height_mm.min(reach)], &[nm]).ok().map(|found| found[0])
+    };
+    let psf = psf_grid(dir, &manifest, &real_height_mm).map_err(|e| e.at(path.display()))?;
     let wavelengths_nm = match distortion.wavelengths[..] {
         [0.0] => psf.wavelengths_nm.clone(),
         _ => distortion.wavelengths.clone(),
@@ -129,19 +141,26 @@ pub fn read(path: &Path) -> Result<Characterisation> {
 
 /// One table from its sources: a CSV of all wavelengths, or a file per wavelength on the heights
 /// of the first.
-fn tables(dir: &Path, sources: &[Source], efl_mm: f64) -> Result<Table> {
+fn tables(dir: &Path, sources: &[Source], manifest: &Manifest) -> Result<Table> {
+    let alone = sources.len() == 1;
     let mut all: Vec<Table> = Vec::with_capacity(sources.len());
     for source in sources {
-        let (file, nm) = match source {
-            Source::File(file) => (file, 0.0),
-            Source::Of { file, wavelength_nm } => (file, *wavelength_nm),
+        let (file, stated) = match source {
+            Source::File(file) => (file, None),
+            Source::Of(of) => (&of.file, Some(of.wavelength_nm)),
         };
         let path = dir.join(file);
         let text = read_text(&path)?;
-        all.push(table(&text, nm, efl_mm).map_err(|e| e.at(path.display()))?);
+        let read = || table(&text, wavelength(&text, stated, alone)?, manifest);
+        all.push(read().map_err(|e| e.at(path.display()))?);
     }
-    if all.len() == 1 {
+    if alone {
         return Ok(all.remove(0));
+    }
+    if all.iter().any(|table| table.wavelengths.contains(&0.0)) {
+        return Err(Error::input("several files, of which one does not say its wavelength").help(
+            "write { file = \"...\", wavelength_nm = ... } for each, or give one file for all",
+        ));
     }
     all.sort_by(|a, b| a.wavelengths[0].total_cmp(&b.wavelengths[0]));
     let Some(first) = all.first() else {
@@ -162,7 +181,21 @@ fn tables(dir: &Path, sources: &[Source], efl_mm: f64) -> Result<Table> {
     Ok(Table { heights, wavelengths, values })
 }
 
-fn table(text: &str, nm: f64, efl_mm: f64) -> Result<Table> {
+/// The wavelength of a source, nm; 0 where one that is `alone` stands for all.
+fn wavelength(text: &str, stated: Option<f64>, alone: bool) -> Result<f64> {
+    let own = listing::wavelength_nm(text)?;
+    match (stated, own) {
+        (Some(nm), Some(own)) if (own - nm).abs() > WAVELENGTH_TOLERANCE_NM => {
+            Err(Error::input(format!("a listing of {own} nm where {nm} nm is stated"))
+                .help("the files do not belong together, or their wavelengths are mixed up"))
+        }
+        (Some(nm), _) => Ok(nm),
+        (None, Some(own)) if !alone => Ok(own),
+        (None, _) => Ok(0.0),
+    }
+}
+
+fn table(text: &str, nm: f64, manifest: &Manifest) -> Result<Table> {
     let of_pairs = |pairs: Vec<[f64; 2]>| Table {
         heights: pairs.iter().map(|p| p[0]).collect(),
         wavelengths: vec![nm],
@@ -172,10 +205,17 @@ fn table(text: &str, nm: f64, efl_mm: f64) -> Result<Table> {
     let table = if head.contains("Grid Distortion") {
         of_pairs(thinned(listing::grid_distortion(text)?))
     } else if text.contains("Rel. Ill") {
+        if manifest.magnification != 0.0 {
+            return Err(Error::unsupported(
+                "a listing of relative illumination over the field of a near object",
+            )
+            .help("its place in the image is not known: give a table over height_mm"));
+        }
         let mut pairs = listing::relative_illumination(text)?;
-        let degrees = text.lines().any(|l| l.contains("degrees"));
+        let degrees = text.to_ascii_lowercase().contains("deg");
         if degrees {
-            pairs.iter_mut().for_each(|p| p[0] = efl_mm * libm::tan(p[0].to_radians()));
+            let place = |degrees: f64| manifest.efl_mm * libm::tan(degrees.to_radians());
+            pairs.iter_mut().for_each(|p| p[0] = place(p[0]));
         }
         of_pairs(pairs)
     } else {
@@ -199,25 +239,19 @@ fn thinned(pairs: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 /// `height_mm,450,500,...` and rows of values; without a header row one column for the wavelength
 /// `nm`.
 fn csv(text: &str, nm: f64) -> Result<Table> {
+    let text = with_points(text);
     let mut lines = text
         .lines()
         .enumerate()
         .map(|(i, l)| (i + 1, l.trim()))
         .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
         .peekable();
-    let mut wavelengths = vec![nm];
+    let (mut wavelengths, mut unit_mm) = (vec![nm], 1.0);
     if let Some((line, header)) = lines.peek().copied()
         && words(header).first().is_some_and(|w| w.parse::<f64>().is_err())
     {
         lines.next();
-        let names = words(header);
-        let read: Result<Vec<f64>> = names[1..].iter().map(|w| number("wavelength", w)).collect();
-        // A single column may carry a name instead of a wavelength.
-        wavelengths = match (read, names.len()) {
-            (Ok(list), _) => list,
-            (Err(_), 2) => vec![nm],
-            (Err(e), _) => return Err(e.at(format!("line {line}"))),
-        };
+        (wavelengths, unit_mm) = columns(header, nm).map_err(|e| e.at(format!("line {line}")))?;
     }
     let (mut heights, mut values) = (Vec::new(), Vec::new());
     for (line, text) in lines {
@@ -232,19 +266,52 @@ fn csv(text: &str, nm: f64) -> Result<Table> {
             .at(format!("line {line}"))
             .help("a row holds a height and a value per wavelength"));
         }
-        heights.push(row[0]);
+        heights.push(row[0] * unit_mm);
         values.extend_from_slice(&row[1..]);
     }
     Ok(Table { heights, wavelengths, values })
+}
+
+/// Wavelengths of the columns that a header names, nm, and millimetres in the unit of its heights.
+fn columns(header: &str, nm: f64) -> Result<(Vec<f64>, f64)> {
+    // Below it there is no light for a lens: such numbers are in µm.
+    const LEAST_NM: f64 = 100.0;
+    let names = words(header);
+    let first = names[0].to_ascii_lowercase();
+    let unit_mm = match first.rsplit(['_', '(', '[']).next().unwrap_or("").trim_matches([')', ']'])
+    {
+        "mm" | "height" | "h" | "r" | "y" => 1.0,
+        "um" | "µm" | "μm" => 1e-3,
+        _ => {
+            return Err(Error::input(format!("the first column is \"{}\"", names[0]))
+                .help("it holds paraxial heights in the image: height_mm or height_um"));
+        }
+    };
+    let read: Result<Vec<f64>> = names[1..].iter().map(|w| number("wavelength", w)).collect();
+    // A single column may carry a name instead of a wavelength.
+    let wavelengths = match (read, names.len()) {
+        (Ok(list), _) => list,
+        (Err(_), 2) => vec![nm],
+        (Err(e), _) => return Err(e),
+    };
+    match wavelengths.iter().find(|nm| **nm != 0.0 && **nm < LEAST_NM) {
+        Some(nm) => Err(Error::input(format!("a column for {nm} nm"))
+            .help("wavelengths in the header are in nm")),
+        None => Ok((wavelengths, unit_mm)),
+    }
 }
 
 /// A PSF with its height (mm), wavelength (nm), sample distance (µm), and what
 /// [`PsfListing::oriented`] gave.
 type LoadedPsf = (f64, f64, f64, (usize, Vec<f64>, f64));
 
-fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
-    let mut loaded: Vec<LoadedPsf> = Vec::with_capacity(entries.len());
-    for entry in entries {
+fn psf_grid(
+    dir: &Path,
+    manifest: &Manifest,
+    real_height_mm: &dyn Fn(f64, f64) -> Option<f64>,
+) -> Result<PsfGrid> {
+    let mut loaded: Vec<LoadedPsf> = Vec::with_capacity(manifest.psf.len());
+    for entry in &manifest.psf {
         let path = dir.join(&entry.file);
         let read = || {
             let listing = load(&path)?;
@@ -256,13 +323,15 @@ fn psf_grid(dir: &Path, entries: &[PsfEntry]) -> Result<PsfGrid> {
             let spacing = entry.spacing_um.or(listing.spacing_um);
             let nm = nm.ok_or_else(|| unknown("wavelength_nm"))?;
             let spacing = spacing.ok_or_else(|| unknown("spacing_um"))?;
-            super::iset::check(&listing, nm, spacing)?;
-            Ok((
-                entry.height_mm,
-                nm,
-                spacing,
-                listing.oriented(entry.outwards.unwrap_or(listing.runs_outwards())),
-            ))
+            check(&listing, nm, spacing)?;
+            check_place(&listing, real_height_mm(entry.height_mm, nm))?;
+            let near_field = manifest.magnification != 0.0 && listing.field_is_length;
+            if near_field && listing.image.is_none() && entry.outwards.is_none() {
+                return Err(Error::input("the file does not say on which side its image lies")
+                    .help("add outwards = true or false to its [[psf]] entry"));
+            }
+            let outwards = entry.outwards.unwrap_or(listing.runs_outwards());
+            Ok((entry.height_mm, nm, spacing, listing.oriented(outwards)))
         };
         loaded.push(read().map_err(|e: Error| e.at(path.display()))?);
     }
@@ -334,14 +403,5 @@ fn load(path: &Path) -> Result<PsfListing> {
     if let Some(v) = data.iter().find(|v| !v.is_finite() || **v < 0.0) {
         return Err(bad(format!("PSF value {v}")));
     }
-    let shape = [rows as usize, columns as usize];
-    Ok(PsfListing {
-        wavelength_nm: None,
-        field: None,
-        image_y: None,
-        spacing_um: None,
-        shape,
-        centre: [shape[0] / 2, shape[1] / 2],
-        data,
-    })
+    Ok(PsfListing::bare([rows as usize, columns as usize], data))
 }

@@ -9,6 +9,7 @@
 //! 100 at the peak), and turned so that rows rise away from the axis with the chief ray at sample
 //! n/2.
 
+mod decimals;
 pub mod iset;
 pub mod listing;
 pub mod manifest;
@@ -19,6 +20,7 @@ use camrig_base::{Error, Result};
 use camrig_glass::text;
 use camrig_optics::Characterisation;
 use camrig_optics::interpolate::MonotoneCubic;
+use listing::PsfListing;
 use std::path::Path;
 
 /// Imports a lens: an ISETCam set (its directory or its `ISETPARMS.TXT`) or a manifest (`.toml`).
@@ -32,8 +34,36 @@ pub fn import(source: &Path) -> Result<Characterisation> {
     } else {
         iset::read(&iset::parameter_file(source)?)?
     };
-    lens.psf.normalise().and_then(|()| lens.validate()).map_err(|e| e.at(source.display()))?;
+    let check = |lens: &Characterisation| lens.validate().and_then(|()| check_units(lens));
+    lens.psf.normalise().and_then(|()| check(&lens)).map_err(|e| e.at(source.display()))?;
     Ok(lens)
+}
+
+/// Refuses tables in another unit than theirs.
+fn check_units(lens: &Characterisation) -> Result<()> {
+    // A lens that is meant for its paraxial heights keeps well within this of them beside the axis.
+    const MOST_DISTORTED: f64 = 20.0;
+    let columns = lens.wavelengths_nm.len();
+    let angles = lens.chief_ray_angle_deg.iter().flatten();
+    if let Some(degrees) = angles.copied().find(|angle| angle.abs() >= 90.0) {
+        return Err(Error::input(format!("a chief ray at {degrees}° to the axis"))
+            .at("chief_ray_angle")
+            .help(
+                "angles in the files of a set are in radians, in tables of a manifest in degrees",
+            ));
+    }
+    let height = lens.heights_mm[1];
+    let real = &lens.real_height_mm[columns..2 * columns];
+    if let Some(mm) =
+        real.iter().find(|mm| !(height / MOST_DISTORTED..height * MOST_DISTORTED).contains(*mm))
+    {
+        return Err(Error::input(format!(
+            "a real height of {mm} mm at the paraxial height {height} mm"
+        ))
+        .at("distortion")
+        .help("both are in mm"));
+    }
+    Ok(())
 }
 
 /// A table over height and wavelength.
@@ -110,4 +140,49 @@ pub(super) fn rows_of_numbers(text: &str) -> Result<Vec<Vec<f64>>> {
 
 pub(super) fn words(line: &str) -> Vec<&str> {
     line.split([' ', '\t', ',', ';']).filter(|w| !w.is_empty()).collect()
+}
+
+/// Largest difference of a listing's wavelength from that of the parameters, nm: listings print
+/// four decimals of a micrometre, and parameter files may round to whole nanometres.
+pub(super) const WAVELENGTH_TOLERANCE_NM: f64 = 0.5;
+/// Largest relative difference of the sample distance: listings print few digits.
+const SPACING_TOLERANCE: f64 = 0.02;
+
+/// Checks that a listing is the one that the parameters announce.
+pub(super) fn check(listing: &PsfListing, nm: f64, spacing_um: f64) -> Result<()> {
+    if let Some(own) = listing.wavelength_nm
+        && (own - nm).abs() > WAVELENGTH_TOLERANCE_NM
+    {
+        return Err(Error::input(format!("a PSF of {own} nm where {nm} nm is expected"))
+            .help("the files do not belong together, or their numbers are mixed up"));
+    }
+    if let Some(own) = listing.spacing_um
+        && (own - spacing_um).abs() > SPACING_TOLERANCE * spacing_um
+    {
+        return Err(Error::input(format!(
+            "PSF samples {own} µm apart where {spacing_um} µm are expected"
+        ))
+        .help("the files do not belong together"));
+    }
+    Ok(())
+}
+
+/// Part of a height by which the image position in a listing may differ from the table of
+/// distortion, and the same for the axis in mm: listings are of the chief ray, or the centroid.
+const PLACE_TOLERANCE: f64 = 0.02;
+/// Millimetres in the units that a lens program works in, none of which its listing names.
+const LENS_UNITS_MM: [f64; 4] = [1.0, 10.0, 25.4, 1000.0];
+
+/// Checks that the image position of a listing is where the lens has the height of its entry, mm.
+pub(super) fn check_place(listing: &PsfListing, real_mm: Option<f64>) -> Result<()> {
+    let (Some([x, y]), Some(real)) = (listing.image, real_mm) else { return Ok(()) };
+    let own = x.hypot(y);
+    let near = |mm: f64| (mm - real).abs() <= PLACE_TOLERANCE * real.max(1.0);
+    if LENS_UNITS_MM.iter().any(|unit| near(own * unit)) {
+        return Ok(());
+    }
+    Err(Error::input(format!(
+        "a PSF {own} mm from the axis, where the lens has the height of its entry at {real} mm"
+    ))
+    .help("the files do not belong together, or their fields are mixed up"))
 }

@@ -38,6 +38,8 @@ use std::f64::consts::PI;
 /// Largest real height of the axis, mm: a thousandth of a small pixel, for figures that were
 /// computed.
 const AXIS_MM: f64 = 1e-6;
+/// Part by which the relative illumination on the axis may differ from 1.
+const AXIS_RATIO: f64 = 0.02;
 
 /// A lens as tables over paraxial image height and wavelength (module documentation: conventions).
 #[derive(Clone, Debug, PartialEq)]
@@ -197,6 +199,12 @@ impl Characterisation {
         if let Some(v) = self.relative_illumination.iter().find(|v| **v < 0.0) {
             return Err(Error::input(format!("relative illumination {v}"))
                 .help("it is a ratio to the irradiance on the axis, not negative"));
+        }
+        let axis_ratios = &self.relative_illumination[..self.wavelengths_nm.len()];
+        if let Some(v) = axis_ratios.iter().find(|v| (**v - 1.0).abs() > AXIS_RATIO) {
+            return Err(Error::input(format!("relative illumination {v} on the axis")).help(
+                "it is a ratio to the irradiance on the axis, 1 there: divide by that value",
+            ));
         }
         if self.heights_mm.len() < 2 {
             return Err(Error::input("heights_mm has the axis alone").help(
@@ -366,8 +374,9 @@ fn bracket(axis: &[f64], x: f64) -> (usize, f64) {
 
 fn axis(name: &str, values: &[f64], first: Option<f64>) -> Result<()> {
     if values.is_empty() || first.is_some_and(|f| values[0] != f) {
-        return Err(Error::input(format!("{name} starts with {:?}", values.first()))
-            .help("give at least one sample; heights start at 0"));
+        let start = values.first().map_or("nothing".into(), f64::to_string);
+        return Err(Error::input(format!("{name} starts with {start}"))
+            .help("give at least one sample; heights start at 0, the axis"));
     }
     if let Some(v) = values.iter().find(|v| !v.is_finite()) {
         return Err(Error::input(format!("{name} holds {v}")).help("finite numbers only"));
