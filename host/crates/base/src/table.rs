@@ -8,7 +8,9 @@
 
 use crate::spectrum::Outside;
 use crate::table_form::{Form, content};
+pub use crate::table_quantity::{Quantity, Wanted};
 use crate::{Error, Result, Spectrum};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Negative readings that are taken as 0, as a part of the largest value: the noise of a
@@ -22,8 +24,8 @@ pub struct SpectralTable {
     pub wavelength_nm: Vec<f64>,
     /// Curve names and values in the order of the file's columns.
     pub curves: Vec<(String, Vec<f64>)>,
-    /// Whether the header says that values are per cent.
-    pub percent: bool,
+    /// What the values of the curves are, by the header; [`SpectralTable::convert`] converts them.
+    pub quantities: Vec<Quantity>,
     /// What the file says of wavelengths outside.
     pub outside: Option<Outside>,
     /// What was assumed, for the user.
@@ -50,13 +52,16 @@ impl SpectralTable {
     /// neither rise nor fall, no lines. The error names the line.
     pub fn parse(text: &str) -> Result<Self> {
         let text = text.trim_start_matches('\u{feff}');
+        // Old Macs end lines so.
+        let lone = !text.contains('\n') && text.contains('\r');
+        let text = &if lone { text.replace('\r', "\n").into() } else { Cow::Borrowed(text) };
         let (form, mut remarks) = Form::of(text)?;
         let columns = form.names.len();
         let mut wavelength: Vec<f64> = Vec::new();
         let mut curves: Vec<(String, Vec<f64>)> =
             form.names.iter().map(|name| (name.clone(), Vec::new())).collect();
         let mut lines = Vec::new();
-        for (line, text) in content(text).skip(usize::from(form.header)) {
+        for (line, text) in content(text).skip(form.header_lines) {
             let fields = form.fields(text);
             let place = || format!("line {line}");
             if fields.len() != columns + 1 {
@@ -98,7 +103,8 @@ impl SpectralTable {
             curves.iter_mut().for_each(|(_, values)| values.reverse());
         }
         let outside = outside(text)?;
-        Ok(Self { wavelength_nm, curves, percent: form.percent, outside, remarks, name: None })
+        let quantities = form.quantities;
+        Ok(Self { wavelength_nm, curves, quantities, outside, remarks, name: None })
     }
 
     /// The table with the name that remarks call it by.
@@ -208,6 +214,9 @@ mod tests {
             ("wavelength_nm,power\n4OO,1\n410,2\n", "line 2"),
             ("wavenumber,power\n25000,1\n", "wavenumber"),
             ("x,y\n1,2\n5,2\n", "unit"),
+            ("wavelength_um,y\n380,2\n780,2\n", "380000 nm"),
+            ("##TITLE=filter\n##XYDATA=(X++(Y..Y))\n400 1 2\n", "JCAMP-DX"),
+            ("PK\u{3}\u{4}....", "Excel"),
             ("wavelength_nm,power\n", "no lines"),
             ("", "no lines"),
         ] {
@@ -241,6 +250,10 @@ mod tests {
             "Wavelength (µm) Power\n0.4 0.5\n0.4105 0.25\n",
             "angstrom,power\n4000,0.5\n4105,0.25\n",
             "nm,power,\n410.5,0.25,\n400,0.5,\n",
+            "wavelength_nm,power\r400,0.5\r410.5,0.25\r",
+            "sep=;\nnm;power\n400;0,5\n410,5;0,25\n",
+            "Wavelength,Power\nnm,W/m2\n400,0.5\n410.5,0.25\n",
+            "Data from a spectrometer\nDate: today\n>>>Begin Spectral Data<<<\n400 0.5\n410.5 0.25\n",
             "wavelength, power\n0.4, 5e-1\n0.4105, 0.25\n",
         ] {
             let table = SpectralTable::parse(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));
@@ -252,8 +265,12 @@ mod tests {
         }
         let assumed = SpectralTable::parse("0.4 1\n0.5 2\n").unwrap().remarks;
         assert!(assumed[0].contains("no header") && assumed[0].contains("µm"), "{assumed:?}");
+        let two = "Wavelength,r,g\nnm,%,A/W\n400,50,0.1\n";
+        let two = SpectralTable::parse(two).unwrap();
+        assert_eq!(two.quantities, [Quantity::Percent, Quantity::Responsivity(1.0)]);
+        assert!(two.column("g") == Some(1) && two.remarks.is_empty(), "{two:?}");
         let table = SpectralTable::parse("nm,r (%),g (%)\n400,50,60\n").unwrap();
-        assert!(table.percent && table.column("g") == Some(1), "{table:?}");
+        assert_eq!((table.quantities[1], table.column("g")), (Quantity::Percent, Some(1)));
     }
 
     #[test]

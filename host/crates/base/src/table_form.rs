@@ -1,26 +1,33 @@
 //! How the lines of a spectral table are written: separator, decimals, header and unit.
 
+use crate::table_quantity::Quantity;
 use crate::{Error, Result};
 
 /// Wavelengths in nm and in µm, to tell one unit from the other where nothing says it.
 const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
 const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
+/// Wavelengths in nm from hard ultraviolet to far infrared: others are in another unit than told.
+const OPTICAL_NM: std::ops::RangeInclusive<f64> = 10.0..=100_000.0;
+/// Lines that an instrument may write above its table.
+const MOST_HEADER_LINES: usize = 100;
 
 /// The lines of a text that are neither blank nor remarks, with their numbers from 1.
 pub fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
-    lines.filter(|(_, line)| !line.is_empty() && !line.starts_with(['#', '%']))
+    // `sep=;` is a word of spreadsheets to each other.
+    let remark = |line: &str| line.starts_with(['#', '%']) || line.starts_with("sep=");
+    lines.filter(move |(_, line)| !line.is_empty() && !remark(line))
 }
 
 /// How a table is written.
 pub struct Form {
     separator: Separator,
-    /// Whether its first line is a header.
-    pub header: bool,
+    /// Lines before the numbers.
+    pub header_lines: usize,
     /// Names of the columns behind that of wavelengths.
     pub names: Vec<String>,
-    /// Whether the header says that values are per cent.
-    pub percent: bool,
+    /// What the values of those columns are.
+    pub quantities: Vec<Quantity>,
     unit: Option<Unit>,
 }
 
@@ -99,30 +106,28 @@ impl Separator {
 impl Form {
     /// The form of a table, and what is assumed of it.
     pub fn of(text: &str) -> Result<(Self, Vec<String>)> {
-        let mut lines = content(text);
-        let Some((_, first)) = lines.next() else {
+        refuse_other_formats(text)?;
+        let Some((_, first)) = content(text).next() else {
             return Err(Error::input("the table has no lines"));
         };
-        if let Some(separator) = Separator::ALL.into_iter().find(|s| s.splits(first)) {
+        if let Some(separator) = separator_of(first) {
             let columns = separator.fields(first).len() - 1;
             let names = (1..=columns).map(|n| format!("column {n}")).collect();
-            return Ok((
-                Self { separator, header: false, names, percent: false, unit: None },
-                vec![],
-            ));
+            let quantities = vec![Quantity::Plain; columns];
+            let form = Self { separator, header_lines: 0, names, quantities, unit: None };
+            return Ok((form, vec![]));
         }
-        let Some((line, second)) = lines.next() else {
-            return Err(Error::input("the table has no lines below its header"));
-        };
-        let Some(separator) = Separator::ALL.into_iter().find(|s| s.splits(second)) else {
-            return Err(Error::input(format!("not a table: {second:?} is not numbers"))
-                .at(format!("line {line}"))
-                .help(
-                    "give a line wavelength_nm,NAME,... and below it a wavelength and a value for \
-                     each name in every line; other lines begin with #",
-                ));
-        };
-        Self::with_header(first, separator, separator.fields(second).len() - 1)
+        let (header_lines, numbers, separator) = first_numbers(text)?;
+        let columns = separator.fields(numbers).len() - 1;
+        let header: Vec<&str> = content(text).map(|(_, line)| line).take(header_lines).collect();
+        let (used, header) = joined(&header, separator, columns);
+        let (mut form, mut remarks) = Self::with_header(&header, separator, columns)?;
+        form.header_lines = header_lines;
+        if header_lines > used {
+            let passed = header_lines - used;
+            remarks.push(format!("its first {passed} lines are passed over, down to {header:?}"));
+        }
+        Ok((form, remarks))
     }
 
     fn with_header(
@@ -134,7 +139,10 @@ impl Form {
         let whole = separator == Separator::Blanks || fields.len() != columns + 1;
         let of_wavelength = if whole { header } else { &fields[0] };
         let unit = unit(of_wavelength)?;
-        let percent = header.contains('%') || header.to_lowercase().contains("percent");
+        let quantities = match fields.len() == columns + 1 {
+            true => fields.iter().skip(1).map(|name| Quantity::of(name)).collect(),
+            false => vec![Quantity::of(header); columns],
+        };
         // Without a unit or a remark in brackets.
         let bare = |name: &String| {
             let end = name.find(['(', '[']).unwrap_or(name.len());
@@ -159,7 +167,7 @@ impl Form {
         if unit.is_none() && !known {
             remarks.push(format!("its first column, {of_wavelength:?}, is taken as wavelength"));
         }
-        Ok((Self { separator, header: true, names, percent, unit }, remarks))
+        Ok((Self { separator, header_lines: 1, names, quantities, unit }, remarks))
     }
 
     /// The fields of a line.
@@ -175,7 +183,12 @@ impl Form {
     /// The unit of these wavelengths: the header's, else the one that makes them light.
     pub fn unit(&self, wavelengths: &[f64], remarks: &mut Vec<String>) -> Result<Unit> {
         if let Some(unit) = self.unit {
-            return Ok(unit);
+            let strange = wavelengths.iter().find(|w| !OPTICAL_NM.contains(&unit.nm(**w)));
+            return match strange {
+                None => Ok(unit),
+                Some(w) => Err(Error::input(format!("a wavelength of {} nm", unit.nm(*w)))
+                    .help("does the header name the unit of the wavelengths?")),
+            };
         }
         let all = |range: &std::ops::RangeInclusive<f64>| {
             wavelengths.iter().all(|wavelength| range.contains(wavelength))
@@ -188,10 +201,80 @@ impl Form {
             return Err(Error::input("the unit of the wavelengths is not known"))
                 .map_err(|e| e.help("name the first column wavelength_nm or wavelength_um"));
         };
-        let of = if self.header { "the header names no unit" } else { "it has no header" };
+        let of =
+            if self.header_lines > 0 { "the header names no unit" } else { "it has no header" };
         remarks.push(format!("{of}: its first column is taken as wavelength in {name}"));
         Ok(unit)
     }
+}
+
+/// What separates the numbers of a line, if it is two numbers or more.
+fn separator_of(line: &str) -> Option<Separator> {
+    Separator::ALL.into_iter().find(|s| s.splits(line))
+}
+
+/// The first line of numbers, how many lines are above it, and what separates them.
+fn first_numbers(text: &str) -> Result<(usize, &str, Separator)> {
+    let numbers = content(text)
+        .take(MOST_HEADER_LINES + 1)
+        .enumerate()
+        .find_map(|(i, (_, line))| Some((i, line, separator_of(line)?)));
+    // A line of numbers with a mistake in it is no header.
+    let damaged = |line: &str, separator: Separator, numbers: &str| {
+        let fields = separator.fields(line);
+        let any = fields.iter().any(|field| separator.number(field).is_some());
+        any && fields.len() == separator.fields(numbers).len()
+    };
+    let wrong = match numbers {
+        None => content(text).nth(1),
+        Some((count, numbers, separator)) => {
+            let mut below = content(text).take(count).skip(1);
+            below.find(|(_, line)| damaged(line, separator, numbers))
+        }
+    };
+    if let Some((line, wrong)) = wrong {
+        return Err(Error::input(format!("not a table: {wrong:?} is not numbers"))
+            .at(format!("line {line}"))
+            .help(
+                "give a line wavelength_nm,NAME,... and below it a wavelength and a value for \
+                 each name in every line; other lines begin with #",
+            ));
+    }
+    numbers.ok_or_else(|| Error::input("the table has no lines below its header"))
+}
+
+/// The header among the lines above a table, and of how many lines it is: the last, or two that
+/// name each column and its unit.
+fn joined(lines: &[&str], separator: Separator, columns: usize) -> (usize, String) {
+    let last = lines[lines.len() - 1];
+    let fields = separator.fields(last);
+    let above = lines.len().checked_sub(2).map(|i| separator.fields(lines[i]));
+    match (above, separator) {
+        (Some(names), Separator::Character(separator))
+            if names.len() == columns + 1 && fields.len() == columns + 1 =>
+        {
+            let named = names.iter().zip(&fields).map(|(name, unit)| format!("{name} ({unit})"));
+            (2, named.collect::<Vec<_>>().join(&separator.to_string()))
+        }
+        _ => (1, last.to_string()),
+    }
+}
+
+/// Refuses files that are no table but look like one, or like nothing.
+fn refuse_other_formats(text: &str) -> Result<()> {
+    let start = text.trim_start();
+    let what = if start.starts_with("PK\u{3}\u{4}") {
+        "an Excel workbook"
+    } else if ["##title=", "##jcamp"]
+        .iter()
+        .any(|mark| start.get(..mark.len()).is_some_and(|head| head.eq_ignore_ascii_case(mark)))
+    {
+        "a JCAMP-DX file"
+    } else {
+        return Ok(());
+    };
+    Err(Error::unsupported(format!("{what} is no table in text"))
+        .help("export it as CSV: wavelength_nm,NAME,... and below it a line per wavelength"))
 }
 
 /// The unit that the header of the wavelengths names.

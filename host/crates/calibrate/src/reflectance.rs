@@ -8,7 +8,7 @@ use crate::hdr::Flag;
 use crate::response::SATURATION;
 use crate::spectral::{self, Channels, Estimator, Method, Report};
 use crate::view::{Region, View, fit_chart};
-use camrig_base::table::SpectralTable;
+use camrig_base::table::{SpectralTable, Wanted};
 use camrig_base::{Bands, Cfa, Error, Plane, Result};
 use camrig_camera::Camera;
 use camrig_light::Illuminant;
@@ -88,7 +88,8 @@ pub struct Settings<'a> {
 /// # Errors
 /// A file that is missing, is no table, or leaves part of the bands out.
 pub fn read_training(path: &Path) -> Result<Vec<Vec<f64>>> {
-    let table = SpectralTable::read(path)?;
+    let mut table = SpectralTable::read(path)?;
+    table.convert(Wanted::Fraction).map_err(|e| e.at(path.display()))?;
     spectra(&table, &Bands::VISIBLE).map_err(|e| e.at(path.display()))
 }
 

@@ -8,7 +8,7 @@ use super::{
     Camera, CrosstalkTable, Folder, KeptNoise, LensKind, LensModel, Noise, RelativeIllumination,
     SensorModel, SensorTiming, Shutter, csv_reader,
 };
-use camrig_base::table::SpectralTable;
+use camrig_base::table::{Quantity, SpectralTable, Wanted};
 use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes, toml_text};
 use std::cell::RefCell;
 
@@ -378,7 +378,7 @@ fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
 /// A curve of fractions over wavelength: a table of one column, and what it is outside the table
 /// unless that says otherwise.
 fn fraction_curve(name: &str, outside: Outside, folder: &Folder<'_>) -> Result<Spectrum> {
-    let table = spectral_table(name, WIDEST_GAP_NM, folder)?;
+    let table = spectral_table(name, Wanted::Fraction, WIDEST_GAP_NM, folder)?;
     if table.curves.len() != 1 {
         return Err(Error::input(format!("{} columns", table.curves.len() + 1))
             .at(name)
@@ -389,11 +389,19 @@ fn fraction_curve(name: &str, outside: Outside, folder: &Folder<'_>) -> Result<S
 
 /// Reads a table and checks that its values are fractions and that it covers the visible range
 /// without holes and gaps wider than `widest_nm`.
-fn spectral_table(name: &str, widest_nm: f64, folder: &Folder<'_>) -> Result<SpectralTable> {
+fn spectral_table(
+    name: &str,
+    wanted: Wanted,
+    widest_nm: f64,
+    folder: &Folder<'_>,
+) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
     let mut table = table.named(name);
+    if table.quantities.iter().all(|quantity| *quantity == Quantity::Plain) {
+        from_percent(&mut table);
+    }
+    table.convert(wanted).map_err(|e| e.at(name))?;
     table.clip_noise();
-    from_percent(&mut table);
     for (column, values) in &table.curves {
         if let Some(i) = values.iter().position(|v| !(0.0..=1.0).contains(v)) {
             return Err(Error::input(format!(
@@ -432,13 +440,10 @@ fn spectral_table(name: &str, widest_nm: f64, folder: &Folder<'_>) -> Result<Spe
 /// fraction.
 fn from_percent(table: &mut SpectralTable) {
     let largest = table.curves.iter().flat_map(|(_, v)| v).fold(0.0f64, |m, &v| m.max(v));
-    if !table.percent && !PERCENT.contains(&largest) {
-        return;
+    if PERCENT.contains(&largest) {
+        table.curves.iter_mut().flat_map(|(_, values)| values).for_each(|v| *v /= 100.0);
+        table.remark(format!("its values are taken as per cent, as values go up to {largest}"));
     }
-    table.curves.iter_mut().flat_map(|(_, values)| values).for_each(|v| *v /= 100.0);
-    let of = if table.percent { "as its header says" } else { "as values go up to" };
-    let upto = if table.percent { String::new() } else { format!(" {largest}") };
-    table.remark(format!("its values are taken as per cent, {of}{upto}"));
 }
 
 /// Names of columns by the colours of the pattern's letters.
@@ -464,7 +469,8 @@ fn quantum_efficiency(
     peak: Option<f64>,
     folder: &Folder<'_>,
 ) -> Result<(Vec<String>, Vec<Spectrum>)> {
-    let mut table = spectral_table(name, WIDEST_GAP_OF_QE_NM, folder)?;
+    let wanted = if peak.is_some() { Wanted::EfficiencyShape } else { Wanted::Efficiency };
+    let mut table = spectral_table(name, wanted, WIDEST_GAP_OF_QE_NM, folder)?;
     if let Some(peak) = peak {
         scaled_to(peak, &mut table).map_err(|e| e.at(name))?;
     }

@@ -13,7 +13,7 @@
 //!
 //! Outside its table an illuminant keeps its end value, which is told of tables in files.
 
-use camrig_base::table::{SpectralTable, built_in};
+use camrig_base::table::{SpectralTable, Wanted, built_in};
 use camrig_base::{Bands, Error, Result, Spectrum};
 use std::path::Path;
 
@@ -173,6 +173,7 @@ fn from_file(text: &str) -> Result<Spectrum> {
         return Err(unknown(text));
     }
     let mut table = SpectralTable::read(path)?;
+    table.convert(Wanted::Power).map_err(|e| e.at(path.display()))?;
     table.clip_noise();
     if table.curves.len() != 1 {
         let count = table.curves.len();
