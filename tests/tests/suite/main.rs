@@ -17,6 +17,7 @@ mod guide;
 mod interfaces;
 mod lens;
 mod lens_apertures;
+mod lens_focus;
 mod lens_import;
 mod lens_macros;
 mod light_in_time;

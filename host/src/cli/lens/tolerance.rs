@@ -4,6 +4,7 @@ use super::LensArgs;
 use crate::cli::arguments;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
+use camrig_lens::prescription::{Medium, Surface};
 use camrig_lens::tolerance::{self, Contrast, PERCENTILES, Plan, Report, Spread, Tolerances};
 use serde_json::{Value, json};
 
@@ -57,6 +58,15 @@ const LISTED: usize = 12;
 pub(super) fn run(args: &ToleranceArgs) -> Result<()> {
     let place = |e: Error| e.at(args.lens.file.display());
     let system = args.lens.system()?;
+    let passed_twice = |pair: &[Surface]| {
+        matches!(pair[0].medium, Medium::Glass(_)) && pair[1].medium == Medium::Mirror
+    };
+    if system.prescription.surfaces.windows(2).any(passed_twice) {
+        eprintln!(
+            "note: light passes the glass in front of a mirror twice: radii, spaces and indices \
+             depart in each pass by themselves, where they are one piece of glass"
+        );
+    }
     let fields_deg = match &args.fields {
         Some(fields) => fields.clone(),
         None => system.fields_deg().map_err(place)?,
