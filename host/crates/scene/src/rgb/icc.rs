@@ -12,7 +12,14 @@ pub fn said(profile: &[u8]) -> Said {
         return Said::Unknown("an ICC profile that cannot be read".into());
     };
     let name = profile.description.as_ref().and_then(text);
-    let name = format!("the ICC profile {:?}", name.unwrap_or_default());
+    let tables = [
+        &profile.lut_a_to_b_perceptual,
+        &profile.lut_a_to_b_colorimetric,
+        &profile.lut_a_to_b_saturation,
+    ];
+    let has_tables = tables.into_iter().any(Option::is_some);
+    let part = if has_tables { " (its matrix, not its tables)" } else { "" };
+    let name = format!("the ICC profile {:?}{part}", name.unwrap_or_default());
     let space = match profile.color_space {
         DataColorSpace::Rgb => of_matrix(&name, &profile),
         DataColorSpace::Gray => of_grey(&name, &profile),
