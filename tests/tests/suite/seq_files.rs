@@ -48,11 +48,80 @@ fn what_may_change_the_image_is_refused_with_its_line() {
 
 #[test]
 fn bookkeeping_leaves_no_trace() {
-    let more = "SLB \"front\"; CCY 0; THC 100; DLT 0.1\nTEL NO; ADE 0; CIR EDG 9; PIM";
+    let more = "SLB \"front\"; CCY 0; THC 100; DLT 0.1\nTEL NO; ADE 0; CIR EDG 9; PIM\n\
+                CUM 0; THM 0.6; CLS WVL RUS GRE BLU";
     let lens = lens("RDM; EPD 6", more).unwrap();
     assert!(lens.surfaces[0].clips.is_empty());
     assert_eq!(lens.notes.len(), 2, "{:?}", lens.notes);
     assert!(lens.notes[0].contains("PIM") && lens.notes[1].contains("STO"), "{:?}", lens.notes);
+}
+
+/// The value stands in the surface's line already.
+#[test]
+fn a_solve_in_place_of_a_value_is_told_and_changes_nothing() {
+    let plain = lens("RDM; EPD 6", "STO").unwrap();
+    for solve in ["THI HMY 0.0", "THI S1 PIM", "CUY UMY -0.1", "RDY S1 UCY 0.2", "cuy s1 umy 1"] {
+        let solved = lens("RDM; EPD 6", &format!("STO; {solve}")).unwrap();
+        assert_eq!(solved.surfaces, plain.surfaces, "{solve}");
+        let [note] = &solved.notes[..] else { panic!("{:?}", solved.notes) };
+        assert!(note.starts_with("line 5: ") && note.contains("is not solved again"), "{note}");
+    }
+    let error = lens("RDM; EPD 6", "THI XYZ 0").unwrap_err().to_string();
+    assert!(error.contains("\"XYZ\" is not a number"), "{error}");
+}
+
+#[test]
+fn words_in_full_mean_what_the_short_ones_mean() {
+    let text = "RDM; EPD 6; DIM M; WL 587.6; YAN 0; SO 0 1e13; S 80 5 NBK7_SCHOTT; STO; S -80 75; \
+                SI 0 0";
+    let with =
+        |from: &str, to: &str| read(&text.replace(from, to), &Catalogue::default()).unwrap();
+    for (from, to) in [
+        ("DIM M", "DIM mm"),
+        ("1e13", "inf"),
+        ("1e13", "INFINITY"),
+        ("1e13", "5; THI SO Infinity"),
+        ("STO", "stop"),
+    ] {
+        assert_eq!(with(from, to), with("", ""), "{to}");
+    }
+    assert_eq!(with("DIM M", "DIM CM"), with("DIM M", "DIM C"));
+    assert_eq!(with("DIM M", "DIM IN"), with("DIM M", "DIM I"));
+}
+
+/// Each centre is that of the clear aperture, of the obscuration, or of what has the label.
+#[test]
+fn centres_move_the_aperture_that_they_name() {
+    let clips = |more: &str| {
+        let text = format!(
+            "RDM; EPD 6; WL 550; YAN 0; SO 0 1e13\nS 0 1\n{more}\nS 80 5 1.5:60; STO\nS -80 75\n\
+             SI 0 0"
+        );
+        Ok::<_, camrig::Error>(read(&text, &Catalogue::default())?.surfaces[0].clips.clone())
+    };
+    let (clear, obscured) = (Clip::circle(10.0), Clip::circle(1.0).obstacle());
+    let at = |clip: Clip, centre: [f64; 2]| Clip { centre, ..clip };
+    for (more, expected) in [
+        ("CIR 10; CIR OBS 1; ADY 3", [at(clear, [0.0, 3.0]), obscured]),
+        ("ADY OBS 3; CIR 10; CIR OBS 1", [clear, at(obscured, [0.0, 3.0])]),
+        ("CIR 10; CIR OBS L'SP' 1; ADY L'SP' 3; ADX 0", [clear, at(obscured, [0.0, 3.0])]),
+        (
+            "CIR L'A' 10; CIR OBS 1; ADX CLR -2; ADY CLR L'A' 1; ADX EDG 5",
+            [at(clear, [-2.0, 1.0]), obscured],
+        ),
+    ] {
+        assert_eq!(clips(more).unwrap(), expected, "{more}");
+    }
+    for (more, words) in [
+        ("ADY 3", "ADY 3: the surface has no clear aperture"),
+        ("CIR 10; ADY OBS 3", "ADY OBS 3: the surface has no obscuration"),
+        ("CIR OBS L'A' 1; ADY L'B' 3", "ADY B 3: the surface has no aperture of that label"),
+        ("CIR L'A' 9; CIR L'B' 8; ADX 1", "ADX 1: the surface has 2 clear apertures"),
+        ("REX L'A' 2; REX L'B' 3; REY L'C' 1", "REY without the width in x"),
+    ] {
+        let error = clips(more).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("line"), "{more}: {error}");
+    }
 }
 
 #[test]
@@ -88,6 +157,24 @@ fn private_glasses_are_tables() {
     assert!(read(&short, &Catalogue::default()).unwrap_err().to_string().contains("4 indices"));
     let formula = text.replace("1.558163", "SCH");
     assert!(read(&formula, &Catalogue::default()).unwrap_err().to_string().contains("SCH"));
+}
+
+/// NOA61 as a file of CODE V 11.1 has it: the coefficients are those of the square of the maker's
+/// n = 1.5375 + 0.00829045λ⁻² − 0.000211046λ⁻⁴ (Norland).
+#[test]
+fn a_private_glass_may_be_a_laurent_series() {
+    let text = "RDM; EPD 6\nPRV\nPWL 550\n'NOA61' LAU 2.36390625 0.0 0.025493134 -0.000580235 &\n\
+                -0.349933e-5 0.445404e-7\nEND\nDIM M; WL 480; YAN 0\nSO 0 1e13\n\
+                S 50 0 'noa61'\nSTO\nS 0 75\nSI 0 0\n";
+    let read = |text: &str| read(text, &Catalogue::default());
+    let per = 0.48_f64.powi(-2);
+    let n = 1.5375 + 0.00829045 * per - 0.000211046 * per * per;
+    let found = efl(read(text));
+    assert!((found - 50.0 / (n - 1.0)).abs() < 1e-4, "{found}");
+    let short = read(&text.replace(" 0.445404e-7", "")).unwrap_err().to_string();
+    assert!(short.contains("LAU with 5 coefficients") && short.contains("NOA61"), "{short}");
+    let other = read(&text.replace("LAU", "GMS")).unwrap_err().to_string();
+    assert!(other.contains("\"GMS\"") && other.contains("table"), "{other}");
 }
 
 #[test]

@@ -18,7 +18,8 @@ const MISPRINT: f64 = 1e-3;
 pub(super) struct File {
     /// Name of the catalogue, in small letters.
     pub name: String,
-    glasses: BTreeMap<String, Entry>,
+    /// By their names in the form of [`key`]; more than one where names repeat.
+    glasses: BTreeMap<String, Vec<Entry>>,
 }
 
 /// A glass as the file has it.
@@ -34,11 +35,11 @@ struct Entry {
 
 /// Reads a catalogue. A glass that is wrong is reported when it is asked for.
 pub(super) fn read(name: &str, text: &str) -> File {
-    let mut glasses = BTreeMap::new();
+    let mut glasses: BTreeMap<String, Vec<Entry>> = BTreeMap::new();
     let mut entry = Entry::default();
     let mut keep = |entry: Entry| {
         if !entry.name.is_empty() {
-            glasses.insert(key(&entry.name), entry);
+            glasses.entry(key(&entry.name)).or_default().push(entry);
         }
     };
     for (i, line) in text.lines().enumerate() {
@@ -68,17 +69,45 @@ pub(super) fn read(name: &str, text: &str) -> File {
 impl File {
     /// The glass of a name in the form of [`key`].
     pub fn find(&self, wanted: &str) -> Option<Result<Found>> {
-        let entry = self.glasses.get(wanted)?;
-        Some(entry.found().map_err(|e| e.at(format!("{} (line {})", entry.name, entry.line))))
+        let (last, before) = self.glasses.get(wanted)?.split_last()?;
+        let one = || {
+            let found = last.found()?;
+            for other in before {
+                if other.found()?.glass.dispersion != found.glass.dispersion {
+                    return Err(last.differs(other));
+                }
+            }
+            Ok(found)
+        };
+        Some(one())
     }
 }
 
 impl Entry {
+    fn place(&self) -> String {
+        format!("{} (line {})", self.name, self.line)
+    }
+
+    /// That another glass of the file has this one's name.
+    fn differs(&self, other: &Self) -> Error {
+        Error::input(format!("{} and {} are different glasses", other.place(), self.place()))
+            .help("names are compared without case, dashes and blanks: take one out of the file")
+    }
+
     fn found(&self) -> Result<Found> {
+        self.read().map_err(|e| e.at(self.place()))
+    }
+
+    fn read(&self) -> Result<Found> {
         let coefficients: Result<Vec<f64>> =
             self.coefficients.iter().map(|w| number("CD", w)).collect();
+        let coefficients = coefficients?;
+        if coefficients.iter().all(|v| *v == 0.0) {
+            return Err(Error::input("the glass has no coefficients (CD)")
+                .help("its index is not known: give its CD line, or n_d:V_d in its place"));
+        }
         let formula = number("formula", &self.formula)?;
-        let dispersion = dispersion(formula, &coefficients?)?;
+        let dispersion = dispersion(formula, &coefficients)?;
         let [low, high] = &self.range[..] else {
             return Err(Error::input("the glass has no LD line of two wavelengths")
                 .help("without the range of its data it is not used"));
@@ -124,7 +153,7 @@ fn dispersion(formula: f64, given: &[f64]) -> Result<Dispersion> {
         terms: powers.iter().enumerate().map(|(i, p)| [c(i), *p]).collect(),
     };
     let (used, dispersion) = match formula {
-        1.0 => (6, series(true, &[0.0, 2.0, -2.0, -4.0, -6.0, -8.0])),
+        1.0 => (6, Dispersion::schott([c(0), c(1), c(2), c(3), c(4), c(5)])),
         2.0 => (6, sellmeier(0.0, pairs(3))),
         3.0 => (6, Dispersion::Herzberger([c(0), c(1), c(2), c(3), c(4), c(5)])),
         4.0 => (
@@ -166,11 +195,31 @@ fn dispersion(formula: f64, given: &[f64]) -> Result<Dispersion> {
                 .help("formulas 1 to 13 are known; give the glass as a table"));
         }
     };
+    check_count(formula, given, used)?;
+    Ok(dispersion)
+}
+
+/// Refuses coefficients that a formula of `used` does not have, and those that end within a pair.
+fn check_count(formula: f64, given: &[f64], used: usize) -> Result<()> {
+    // The first place of pairs whose second number is the square of a resonance's wavelength.
+    let pairs_from = match formula {
+        2.0 | 6.0 | 11.0 => Some(0),
+        4.0 | 7.0 | 8.0 | 9.0 => Some(1),
+        _ => None,
+    };
+    if let Some(from) = pairs_from
+        && given.len() < used
+        && given.len() > from
+        && (given.len() - from) % 2 == 1
+    {
+        return Err(Error::input(format!("formula {formula} with {} coefficients", given.len()))
+            .help("they come in pairs, and the last has no partner: is the CD line cut short?"));
+    }
     if given.iter().skip(used).any(|v| *v != 0.0) {
         return Err(Error::input(format!("formula {formula} with {} coefficients", given.len()))
             .help(format!("it has {used}: is the number of the formula right?")));
     }
-    Ok(dispersion)
+    Ok(())
 }
 
 #[cfg(test)]
@@ -216,11 +265,40 @@ mod tests {
         assert!((n - (1.5 + 0.01 / 0.222 + 0.03)).abs() < 1e-12);
     }
 
+    /// n² = 1 + 1.25 without the zeros at the end.
+    #[test]
+    fn zeros_at_the_end_may_be_left_out() {
+        let found = glass(2, "1.25 0").unwrap();
+        assert_eq!(found.glass.index(500.0).unwrap(), 1.5);
+    }
+
+    /// A name that stands twice is one glass, or none.
+    #[test]
+    fn a_name_that_stands_twice_is_refused_with_both_lines_where_the_glasses_differ() {
+        let find = |second: &str| {
+            let text = format!(
+                "NM OWN 2 0 0\nCD 1.25 0 0 0 0 0\nLD 0.35 2\nNM O-wn 2 0 0\n{second}LD 0.35 2\n"
+            );
+            read("own", &text).find("OWN").unwrap()
+        };
+        assert_eq!(find("CD 1.25 0\n").unwrap().glass.index(550.0).unwrap(), 1.5);
+        let error = find("CD 1.26 0\n").unwrap_err().to_string();
+        assert!(error.contains("OWN (line 1) and O-wn (line 4) are different"), "{error}");
+        let error = find("").unwrap_err().to_string();
+        assert!(error.contains("line 4") && error.contains("no coefficients"), "{error}");
+    }
+
     #[test]
     fn what_is_wrong_is_said_when_the_glass_is_asked_for() {
-        for (formula, coefficients, word) in
-            [(14, "1 2", "formula 14"), (2, "1 2 3 4 5 6 7", "it has 6"), (2, "1 x", "CD")]
-        {
+        for (formula, coefficients, word) in [
+            (14, "1 2", "formula 14"),
+            (2, "1 2 3 4 5 6 7", "it has 6"),
+            (2, "1 x", "CD"),
+            (2, "1.25 0.01 0.2", "pairs"),
+            (9, "1.3 0.9", "pairs"),
+            (2, "", "no coefficients"),
+            (2, "0 0", "no coefficients"),
+        ] {
             let error = glass(formula, coefficients).unwrap_err().to_string();
             assert!(error.contains(word) && error.contains("line 2"), "{error}");
         }

@@ -13,8 +13,20 @@ pub fn read_text(path: &Path) -> Result<String> {
 
 /// Text from bytes. A byte-order mark decides; without one, zero bytes in every other place mean
 /// UTF-16; what is not UTF-8 is Latin-1 (µ in Zemax listings), in which every byte is a character.
+/// Lines end with LF or CR LF: a CR alone, as of old Macs, becomes LF.
 #[must_use]
 pub fn decode(bytes: &[u8]) -> String {
+    let text = characters(bytes);
+    if !text.contains('\r') {
+        return text;
+    }
+    // A file that was converted twice ends its lines with CR CR LF.
+    let lines = text.replace("\r\r\n", "\r\n");
+    let lines: Vec<String> = lines.split("\r\n").map(|line| line.replace('\r', "\n")).collect();
+    lines.join("\r\n")
+}
+
+fn characters(bytes: &[u8]) -> String {
     let head = &bytes[..bytes.len().min(256)];
     let zeros = |parity: usize| head.iter().skip(parity).step_by(2).filter(|b| **b == 0).count();
     let half = head.len() / 4;
@@ -68,6 +80,20 @@ mod tests {
         let marked = [&[0xFF, 0xFE], &le[..]].concat();
         for bytes in [text.as_bytes(), &le, &be, &latin, &marked] {
             assert_eq!(decode(bytes), text);
+        }
+    }
+
+    #[test]
+    fn a_lone_carriage_return_ends_a_line() {
+        for (text, lines) in [
+            ("a b\rc\r", &["a b", "c"][..]),
+            ("a\r\nb\rc\nd", &["a", "b", "c", "d"]),
+            ("a\r\r\nb\r\n", &["a", "b"]),
+        ] {
+            let le: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+            for bytes in [text.as_bytes(), &[&[0xFF, 0xFE], &le[..]].concat()] {
+                assert_eq!(decode(bytes).lines().collect::<Vec<_>>(), lines, "{text:?}");
+            }
         }
     }
 

@@ -4,7 +4,8 @@
 //! - Q-con, "strong": conic + u⁴ Σ aₘ Qₘ(x), where Qₘ is the Jacobi polynomial
 //!   P⁽⁰'⁴⁾ₘ(2x − 1);
 //! - Q-bfs, "mild": sphere + u²(1 − u²)/φ · Σ aₘ Qₘ(x), φ = √(1 − c²r²), where the Qₘ make the
-//!   slopes orthogonal.
+//!   slopes orthogonal. With a conic in place of the sphere φ is the cosine of the angle of its
+//!   normal too, φ² = (1 − (1 + k)c²r²)/(1 − k·c²r²), as OpticStudio has it.
 //!
 //! Recurrences: G. W. Forbes, Optics Express 15, 5218 (2007) and 18, 19700 (2010). They are
 //! evaluated as they stand, since in powers of r such polynomials lose all digits by order 20.
@@ -16,7 +17,7 @@ use camrig_base::{Error, Result};
 pub enum Kind {
     /// Departure from a conic.
     Con,
-    /// Departure from a sphere, normal to it.
+    /// Departure from a sphere or conic, normal to it.
     Bfs,
 }
 
@@ -57,10 +58,11 @@ impl Forbes {
         Ok(Self { kind, radius, coefficients, recurrence })
     }
 
-    /// Sag that is added at s = r², and its derivative by s; `curvature` is that of the sphere.
+    /// Sag that is added at s = r², and its derivative by s, to the conic of this curvature and
+    /// conic constant.
     #[inline]
     #[must_use]
-    pub fn departure(&self, s: f64, curvature: f64) -> (f64, f64) {
+    pub fn departure(&self, s: f64, curvature: f64, conic: f64) -> (f64, f64) {
         let per = 1.0 / (self.radius * self.radius);
         let x = s * per;
         match self.kind {
@@ -71,10 +73,11 @@ impl Forbes {
             Kind::Bfs => {
                 let (sum, slope) = self.bfs_sum(x);
                 let c2 = curvature * curvature;
-                let phi = (1.0 - c2 * s).sqrt();
+                let slant = 1.0 - conic * c2 * s;
+                let phi = ((1.0 - (1.0 + conic) * c2 * s) / slant).sqrt();
                 let bump = x * (1.0 - x);
                 let by_x = (1.0 - 2.0 * x) * sum + bump * slope;
-                let by_phi = 0.5 * bump * sum * c2 / (phi * phi * phi);
+                let by_phi = 0.5 * bump * sum * c2 / (phi * phi * phi * slant * slant);
                 (bump * sum / phi, by_x * per / phi + by_phi)
             }
         }
@@ -83,7 +86,7 @@ impl Forbes {
     /// What it adds to the curvature at the vertex, 1/mm.
     #[must_use]
     pub fn vertex_curvature(&self) -> f64 {
-        2.0 * self.departure(0.0, 0.0).1
+        2.0 * self.departure(0.0, 0.0, 0.0).1
     }
 
     /// Σ aₘ Qₘ(x) of Q-con and its derivative.
@@ -200,6 +203,15 @@ mod tests {
         }
     }
 
+    /// The normal of a paraboloid of radius 1/c has the slope c·r, so that a departure d along it
+    /// is one of d·√(1 + c²r²) along the axis; u²(1 − u²) is 3/16 where u² is 1/4.
+    #[test]
+    fn a_mild_departure_lies_along_the_normal_of_a_conic() {
+        let forbes = Forbes::new(Kind::Bfs, 4.0, vec![0.02]).unwrap();
+        let sag = forbes.departure(4.0, 0.5, -1.0).0;
+        assert!((sag - 0.02 * 3.0 / 16.0 * 2.0_f64.sqrt()).abs() < 1e-16, "{sag}");
+    }
+
     /// What defines them, up to an order at which powers of r have lost all digits: ∫ x⁴QₐQᵦ dx
     /// over [0, 1] is 1/(2a + 5) or 0 for Q-con; the mean over θ, with u = sin θ, of the product of
     /// two slopes d/du of u²(1 − u²)Q is 1 or 0 for Q-bfs.
@@ -219,7 +231,7 @@ mod tests {
                 let mut coefficients = vec![0.0; m + 1];
                 coefficients[m] = 1.0;
                 let forbes = Forbes::new(Kind::Bfs, 1.0, coefficients).unwrap();
-                2.0 * u * forbes.departure(u * u, 0.0).1
+                2.0 * u * forbes.departure(u * u, 0.0, 0.0).1
             };
             let mean_slopes = (0..200)
                 .map(|i| {
@@ -234,15 +246,15 @@ mod tests {
         }
     }
 
-    /// Derivatives agree with differences of the sag, on a sphere too.
+    /// Derivatives agree with differences of the sag, on a sphere and on conics too.
     #[test]
     fn derivatives_are_those_of_the_sag() {
-        for kind in [Kind::Con, Kind::Bfs] {
+        for (kind, conic) in [(Kind::Con, 0.0), (Kind::Bfs, 0.0), (Kind::Bfs, -0.7)] {
             let forbes = Forbes::new(kind, 4.0, vec![0.02, -0.01, 0.005, 0.001, -2e-4]).unwrap();
             for s in [0.0, 1.0, 6.0, 15.0] {
-                let at = |s: f64| forbes.departure(s, 0.12).0;
-                let (step, slope) = (1e-5, forbes.departure(s, 0.12).1);
-                assert!(((at(s + step) - at(s - step)) / (2.0 * step) - slope).abs() < 1e-9);
+                let at = |s: f64| forbes.departure(s, 0.12, conic);
+                let (step, slope) = (1e-5, at(s).1);
+                assert!(((at(s + step).0 - at(s - step).0) / (2.0 * step) - slope).abs() < 1e-9);
             }
         }
         assert!(Forbes::new(Kind::Con, 0.0, vec![1.0]).is_err());

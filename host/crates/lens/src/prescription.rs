@@ -6,7 +6,7 @@
 //! meets; object and image are not in the list. The last thickness leads to the image plane. In a
 //! file's own numbering the first surface is usually 1, and messages call it so.
 
-use super::forbes::{Forbes, Kind};
+use super::forbes::Forbes;
 use super::frame::Frame;
 use camrig_base::{Error, Result};
 use camrig_glass::Glass;
@@ -72,7 +72,7 @@ pub enum Form {
     /// Nothing more.
     #[default]
     Plain,
-    /// The departure of a Forbes asphere is added. That of a Q-bfs asphere is from a sphere.
+    /// The departure of a Forbes asphere is added.
     Forbes(Forbes),
     /// A biconic, curvature and conic constant being those in y; polynomials do not apply.
     Biconic {
@@ -443,9 +443,6 @@ impl Surface {
         let polynomial = !(self.even.is_empty() && self.odd.is_empty());
         let wrong = |what: &str| Err(Error::unsupported(what).help("give another surface"));
         match &self.form {
-            Form::Forbes(forbes) if forbes.kind == Kind::Bfs && self.conic != 0.0 => {
-                wrong("a Q-bfs asphere departs from a sphere: its conic constant is 0")
-            }
             Form::Biconic { .. } if polynomial => wrong("a biconic has no polynomial"),
             Form::Toroid { .. } if !self.odd.is_empty() => {
                 wrong("the curve of a toroid has even powers only")

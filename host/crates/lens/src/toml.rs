@@ -141,7 +141,7 @@ struct Row {
     /// Whether this surface is the aperture stop; one is.
     #[serde(default)]
     stop: bool,
-    /// The departure of a Forbes asphere, added to the conic (of `q-bfs`: to the sphere).
+    /// The departure of a Forbes asphere, added to the conic (of `q-bfs`: along its normal).
     forbes: Option<ForbesRow>,
     /// Makes it a biconic: radius and conic constant in x.
     biconic: Option<BiconicRow>,
@@ -180,7 +180,7 @@ struct ForbesRow {
 enum ForbesKind {
     /// Strong: departure from a conic.
     QCon,
-    /// Mild: departure from a sphere.
+    /// Mild: departure along the normal of a sphere or conic.
     QBfs,
 }
 

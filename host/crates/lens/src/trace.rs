@@ -53,7 +53,7 @@ pub struct TrainSurface {
 pub enum Shape {
     /// Nothing: it is a conic with polynomials.
     Plain,
-    /// A Forbes asphere; conic (of Q-bfs: sphere) and departure.
+    /// A Forbes asphere; conic and departure.
     Forbes(Forbes),
     /// A biconic: curvature and conic constant are those in y, these those in x.
     Biconic {
@@ -345,7 +345,7 @@ impl TrainSurface {
             gradient += value / r.max(1e-12) + 2.0 * r * slope;
         }
         if let Shape::Forbes(forbes) = &self.shape {
-            let (departure, slope) = forbes.departure(s, c);
+            let (departure, slope) = forbes.departure(s, c, self.conic);
             sag += departure;
             gradient += 2.0 * slope;
         }

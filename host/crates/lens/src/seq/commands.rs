@@ -1,9 +1,10 @@
 //! What each command of a `.seq` file says about the lens.
 
+use super::apertures;
 use super::known::{Known, known};
 use super::lexer::{Command, Kind, Word};
 use super::{Draft, File, first, numbers};
-use crate::prescription::{Aperture, Clip, FieldKind, Shape};
+use crate::prescription::{Aperture, FieldKind};
 use crate::refuse;
 use camrig_base::{Error, Result};
 
@@ -54,7 +55,7 @@ impl File {
         match keyword.as_str() {
             "SO" => {
                 let bend = first(words, keyword)?;
-                self.object = Some((bend, first(&words[1..], "SO (thickness)")?));
+                self.object = Some((bend, distance(&words[1..], "SO (thickness)")?));
                 in_air(words, "the object")
             }
             "SI" => {
@@ -92,9 +93,9 @@ impl File {
             "RDM" => self.radius_mode = Some(!off),
             "DIM" => {
                 self.scale = match capitals(words, 0).as_str() {
-                    "M" => 1.0,
-                    "C" => 10.0,
-                    "I" => 25.4,
+                    "M" | "MM" => 1.0,
+                    "C" | "CM" => 10.0,
+                    "I" | "IN" => 25.4,
                     other => {
                         return Err(Error::unsupported(format!("DIM {other}"))
                             .help("known are M (millimetre), C (centimetre) and I (inch)"));
@@ -164,14 +165,15 @@ impl File {
     /// Commands that belong to a surface: the one that `S3` names, or the one above them.
     fn of_surface(&mut self, command: &Command) -> Result<()> {
         let Command { line, keyword, .. } = command;
+        if let Some(solve) = solve(command) {
+            self.notes.push(format!(
+                "line {line}: {solve} is not solved again; the value in the file is kept"
+            ));
+            return Ok(());
+        }
+        let keyword = if keyword == "STOP" { "STO" } else { keyword.as_str() };
         match known(keyword) {
-            Known::Harmless => return Ok(()),
-            Known::Solve => {
-                self.notes.push(format!(
-                    "line {line}: {keyword} is not solved again; the value in the file is kept"
-                ));
-                return Ok(());
-            }
+            Known::Harmless | Known::Solve => return Ok(()),
             Known::Refused(what) => return refuse(&format!("{keyword} ({what})")),
             Known::Unknown => {}
         }
@@ -188,7 +190,7 @@ impl File {
                 false => Ok(()),
             };
         }
-        if aperture_kind(words) == "EDG" && APERTURES.contains(&keyword.as_str()) {
+        if apertures::is_about(keyword) && apertures::is_of_edge(words) {
             return Ok(());
         }
         match place {
@@ -197,16 +199,16 @@ impl File {
                 no_more(keyword, words)
             }
             Some(index) => self.change(index, keyword, words),
-            None if keyword == "CIR" => {
+            None if apertures::is_about(keyword) => {
                 self.notes.push(format!(
                     "line {line}: {keyword} on the object or the image is passed over"
                 ));
                 Ok(())
             }
-            None if keyword == "THI" => self.end_distance(of_object, first(words, keyword)?),
+            None if keyword == "THI" => self.end_distance(of_object, words),
             None if keyword == "STO" => Err(Error::input("the stop is the object or the image")
                 .help("it is one of the surfaces between them")),
-            None if matches!(keyword.as_str(), "CON" | "ASP") => Ok(()),
+            None if matches!(keyword, "CON" | "ASP") => Ok(()),
             None if keyword == "K" && numbers(keyword, words)?.iter().all(|v| *v == 0.0) => Ok(()),
             None => Err(unknown(keyword)
                 .at("the object or the image")
@@ -215,11 +217,12 @@ impl File {
     }
 
     /// `THI` of the object or the image.
-    fn end_distance(&mut self, of_object: bool, value: f64) -> Result<()> {
-        match (of_object, &mut self.object) {
-            (true, Some((_, distance))) => *distance = value,
-            (true, None) => self.object = Some((0.0, value)),
-            (false, _) => self.image = Some(value),
+    fn end_distance(&mut self, of_object: bool, words: &[Word]) -> Result<()> {
+        if of_object {
+            let bend = self.object.map_or(0.0, |(bend, _)| bend);
+            self.object = Some((bend, distance(words, "THI")?));
+        } else {
+            self.image = Some(first(words, "THI")?);
         }
         Ok(())
     }
@@ -254,7 +257,7 @@ impl File {
         let radius_mode = self.radius_mode;
         let surface = &mut self.surfaces[index];
         match keyword {
-            "CIR" | "REX" | "REY" | "ELX" | "ELY" => surface.aperture(keyword, words)?,
+            _ if apertures::is_about(keyword) => return surface.apertures.set(keyword, words),
             "GLA" | "GL1" => {
                 let name = words.first().ok_or_else(|| {
                     Error::input("GLA without a glass").help("the line is cut short")
@@ -288,8 +291,6 @@ impl File {
                     ));
                 }
             }
-            "ADX" => surface.aperture_centre[0] = first(words, keyword)?,
-            "ADY" => surface.aperture_centre[1] = first(words, keyword)?,
             "K" | "KY" => surface.conic = first(words, keyword)?,
             "A" | "B" | "C" | "D" | "E" | "F" | "G" | "H" | "J" => {
                 // A is the coefficient of r^4; the letter I is left out.
@@ -305,7 +306,7 @@ impl File {
             _ => return Err(unknown(keyword)),
         }
         let taken = match keyword {
-            "CIR" | "REX" | "REY" | "ELX" | "ELY" | "SPS" => words.len(),
+            "SPS" => words.len(),
             "CON" | "ASP" | "SPH" | "AAS" | "CYL" | "RFL" | "REFL" => 0,
             _ => 1,
         };
@@ -325,18 +326,39 @@ impl File {
 
 /// What is said of another temperature or pressure.
 const AT_ROOM: &str = "indices are those at 20 °C in air";
-/// Commands of apertures; with `EDG` they say where the glass ends, not what light passes.
-const APERTURES: &[&str] = &["CIR", "REX", "REY", "ELX", "ELY"];
 
 fn unknown(keyword: &str) -> Error {
     Error::unsupported(format!("{keyword} is not known, and may change the image"))
         .help("remove the command if it has no effect on the image")
 }
 
-fn no_more(keyword: &str, rest: &[Word]) -> Result<()> {
+pub(super) fn no_more(keyword: &str, rest: &[Word]) -> Result<()> {
     let Some(word) = rest.first() else { return Ok(()) };
     Err(Error::unsupported(format!("{keyword}: \"{}\" is not understood", word.text))
         .help("one value is expected"))
+}
+
+/// The distance of the object, which may be written as infinite in words.
+fn distance(words: &[Word], what: &str) -> Result<f64> {
+    match capitals(words, 0).as_str() {
+        "INF" | "INFINITY" => Ok(f64::INFINITY),
+        _ => first(words, what),
+    }
+}
+
+/// What a command solves for, if it is a solve: `PIM`, or `THI S3 HMY 0.0`, whose word stands in
+/// place of a value.
+fn solve(command: &Command) -> Option<String> {
+    let Command { keyword, words, .. } = command;
+    if known(keyword) == Known::Solve {
+        return Some(keyword.clone());
+    }
+    if !["THI", "CUY", "CUX", "RDY", "RDX"].contains(&keyword.as_str()) {
+        return None;
+    }
+    // The first word may name the surface.
+    let word = (0..2).map(|i| capitals(words, i)).find(|word| known(word) == Known::Solve)?;
+    Some(format!("{keyword} {word}"))
 }
 
 /// Refuses an object that lies in a glass.
@@ -346,13 +368,6 @@ fn in_air(words: &[Word], what: &str) -> Result<()> {
         glass => Err(Error::unsupported(format!("{what} lies in {glass}"))
             .help("only objects in air are traced")),
     }
-}
-
-/// The word of an aperture command that says what it is, labels aside.
-fn aperture_kind(words: &[Word]) -> String {
-    let word = words.iter().find(|w| w.kind != Kind::Label);
-    let text = word.map(|w| w.text.to_ascii_uppercase()).unwrap_or_default();
-    if text == "HOL" { "EDG".into() } else { text }
 }
 
 fn kind_of(keyword: &str) -> FieldKind {
@@ -365,34 +380,6 @@ fn kind_of(keyword: &str) -> FieldKind {
 }
 
 impl Draft {
-    /// `CIR [CLR|OBS] [L'NAME'] radius`: an opening, or an obstacle; likewise half of the width in
-    /// x of a rectangle (`REX`) or an ellipse (`ELX`), which `REY` and `ELY` of the same kind
-    /// complete.
-    fn aperture(&mut self, keyword: &str, words: &[Word]) -> Result<()> {
-        let rest: Vec<Word> = words.iter().filter(|w| w.kind != Kind::Label).cloned().collect();
-        let kind = aperture_kind(words);
-        let used = usize::from(["OBS", "CLR"].contains(&&kind[..]));
-        let half = first(&rest[used..], keyword)?;
-        no_more(keyword, &rest[used + 1..])?;
-        let shape = if keyword.starts_with("RE") { Shape::Rectangle } else { Shape::Ellipse };
-        let is_obstacle = kind == "OBS";
-        if keyword.ends_with('Y') {
-            let begun = self.clips.iter_mut().find(|clip| {
-                clip.aspect.is_nan() && clip.shape == shape && is_obstacle == (clip.inner > 0.0)
-            });
-            let begun = begun.ok_or_else(|| {
-                Error::input(format!("{keyword} without the width in x"))
-                    .help("REX stands before REY, ELX before ELY")
-            })?;
-            begun.aspect = half / if is_obstacle { begun.inner } else { begun.outer };
-            return Ok(());
-        }
-        let aspect = if keyword == "CIR" { 1.0 } else { f64::NAN };
-        let opening = Clip { shape, aspect, ..Clip::circle(half) };
-        self.clips.push(if is_obstacle { opening.obstacle() } else { opening });
-        Ok(())
-    }
-
     /// `CUX`, `RDX`, `KX`: curvature, radius and conic constant in x.
     fn across(&mut self, keyword: &str, value: f64) -> Result<()> {
         let Some(across) = &mut self.across else {

@@ -161,8 +161,6 @@ impl Draft {
             Some(name) if name.to_ascii_uppercase().starts_with("REFL") => Medium::Mirror,
             Some(name) => Medium::Glass(glasses.find(name, &[])?.noted(wavelengths_nm, notes)),
         };
-        let centre = self.aperture_centre.map(|v| v * scale);
-        let clips = self.clips.iter().map(|clip| clip.placed(scale, centre));
         let form = match &self.across {
             None => Form::Plain,
             Some(Across { curvature: Some(c), conic }) => {
@@ -181,7 +179,7 @@ impl Draft {
             odd,
             thickness: self.thickness * scale,
             medium,
-            clips: clips.collect(),
+            clips: self.apertures.clips(scale)?,
             form,
             entry,
             exit,

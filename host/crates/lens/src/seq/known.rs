@@ -4,8 +4,9 @@
 
 /// Commands without effect on the image: the design's bookkeeping.
 const HARMLESS: &[&[&str]] = &[SET, WEIGHTS, COUPLINGS, TOLERANCES, MANUFACTURE];
-/// The lens as a data set: start, end, remarks, names, listings and drawings.
-const SET: &[&str] = &["LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA"];
+/// The lens as a data set: start, end, remarks, names, listings, drawings and their colours.
+const SET: &[&str] =
+    &["LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA", "CLS"];
 /// Weights of fields in merit functions.
 const WEIGHTS: &[&str] = &["WTF", "WTX", "WTY"];
 /// What an optimisation varies and couples.
@@ -19,12 +20,16 @@ const TOLERANCES: &[&str] = &[
     "CYD", "CYN", "IRR", "TIX", "TIY", "TIR", "TRX", "TRY", "TRR", "BTX", "BTY", "BTI", "BTR",
     "DIS", "DSX", "DSY", "DSR", "ROL", "STI", "HOM", "DER", "CUM", "CUF", "PFR", "PTP", "POR",
 ];
-/// Drawings, heat and manufacture.
-const MANUFACTURE: &[&str] = &["CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "STP"];
+/// Drawings, heat and manufacture; of mirrors the thickness of the glass behind them (`THM`).
+const MANUFACTURE: &[&str] = &["CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "STP", "THM"];
 
-/// Commands that solve for a value, or take it from another surface, whose result stands in the
-/// file already.
-const SOLVES: &[&str] = &["PIM", "UMY", "HMY", "PIK", "PIC"];
+/// Commands and words that solve for a value, or take it from another surface, whose result stands
+/// in the file already: the paraxial image (PIM); angle (U), incidence (I) or height (H) of the
+/// marginal (M) or chief ray (C) in y or x; pickups.
+const SOLVES: &[&str] = &[
+    "PIM", "UMY", "UMX", "UCY", "UCX", "IMY", "IMX", "ICY", "ICX", "HMY", "HMX", "HCY", "HCX",
+    "PIK", "PIC",
+];
 
 /// Commands of surfaces and systems that are not sequential, or that bend light by other means than
 /// the known surfaces, with what they are.

@@ -4,12 +4,13 @@
 //! biconics (`AAS`) and cylinders (`CYL`), tilts and decentres (`XDE` to `CDE`, `DAR`, `BEN`,
 //! `REV`), mirrors, catalogue, private (`PRV`), fictitious and n_d:V_d glasses, EPD/FNO/NA/NAO,
 //! angular and height fields, vignetting factors, circular, elliptical and rectangular apertures
-//! and obscurations, zoom positions (`ZOO`). A
-//! command that is not known to be without effect on the image is refused with its line: toroids,
-//! other special surfaces, turned apertures. `RDM` says that surfaces are given by
+//! and obscurations, zoom positions (`ZOO`). Solves are not solved again: their values stand in the
+//! file. A command that is not known to be without effect on the image is refused with its line:
+//! toroids, other special surfaces, turned apertures. `RDM` says that surfaces are given by
 //! radius, `RDM N` or nothing by curvature; where nothing is said and curvatures do not make a
 //! lens, they are taken as radii, with a note.
 
+mod apertures;
 mod commands;
 mod decentre;
 mod finish;
@@ -19,7 +20,8 @@ mod private;
 mod radii;
 mod zoom;
 
-use super::prescription::{Aperture, Clip, FieldKind, Prescription};
+use super::prescription::{Aperture, FieldKind, Prescription};
+use apertures::Apertures;
 use camrig_base::{Error, Result};
 use camrig_glass::{Catalogue, text};
 use decentre::Decentre;
@@ -64,8 +66,7 @@ struct Draft {
     conic: f64,
     even: Vec<f64>,
     odd_terms: Vec<f64>,
-    clips: Vec<Clip>,
-    aperture_centre: [f64; 2],
+    apertures: Apertures,
     /// Curvature and conic constant in x, of a biconic or cylinder.
     across: Option<Across>,
     decentre: Decentre,

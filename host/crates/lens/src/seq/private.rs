@@ -1,10 +1,14 @@
 //! Glasses that a `.seq` file defines itself: `PRV`, wavelengths (`PWL`), a row of indices for
-//! each glass, `END`.
+//! each glass, or `LAU` and the coefficients of its Laurent series, `END`.
+//!
+//! The series is Schott's, n² = A₀ + A₁λ² + A₂λ⁻² + A₃λ⁻⁴ + A₄λ⁻⁶ + A₅λ⁻⁸ with λ in µm: a file of
+//! CODE V 11.1 gives NOA61 by it, and its coefficients are those of the square of the maker's
+//! n = 1.5375 + 0.00829045λ⁻² − 0.000211046λ⁻⁴ (Norland). The order of other forms is not known.
 
 use super::lexer::Word;
 use super::{first, numbers};
 use camrig_base::{Error, Result};
-use camrig_glass::{Catalogue, Glass};
+use camrig_glass::{Catalogue, Dispersion, Glass};
 
 /// The private glasses of a file.
 #[derive(Default)]
@@ -37,9 +41,14 @@ impl Private {
     }
 
     fn glass(&self, name: &str, words: &[Word]) -> Result<Glass> {
+        if let Some((form, rest)) = words.split_first()
+            && form.text.eq_ignore_ascii_case("LAU")
+        {
+            return laurent(name, &numbers("LAU", rest)?);
+        }
         if let Some(word) = words.iter().find(|w| w.text.parse::<f64>().is_err()) {
             return Err(Error::unsupported(format!("private glass by \"{}\"", word.text))
-                .help("tables of indices (PWL) are read; give the glass as one"));
+                .help("tables of indices (PWL) and Laurent series (LAU) are read: give a table"));
         }
         let indices = numbers(name, words)?;
         if indices.len() != self.waves_nm.len() {
@@ -72,4 +81,14 @@ impl Private {
         }
         Ok(glasses)
     }
+}
+
+/// A glass by its Laurent series. The file does not say for which wavelengths it holds.
+fn laurent(name: &str, coefficients: &[f64]) -> Result<Glass> {
+    let Ok(coefficients) = <[f64; 6]>::try_from(coefficients) else {
+        return Err(Error::input(format!("LAU with {} coefficients", coefficients.len()))
+            .help("a Laurent series has six, those of λ to 0, 2, -2, -4, -6 and -8"));
+    };
+    let dispersion = Dispersion::schott(coefficients);
+    Ok(Glass { name: name.into(), dispersion, ..Glass::constant(1.0)? })
 }

@@ -14,13 +14,22 @@ pub(super) struct Glasses<'a> {
     pub wavelengths_nm: &'a [f64],
 }
 
+/// Whether the words of a `GLAS` line are those of air, which most files do not write.
+pub(super) fn is_air(words: &[String]) -> bool {
+    words.first().is_some_and(|name| name.eq_ignore_ascii_case("AIR"))
+        && words.get(1).is_none_or(|mode| mode == "0")
+}
+
 /// `GLAS name mode pickup n_d V_d ΔP_gF . . . Δn_d ΔV_d`: a catalogue glass, a mirror, a model
-/// glass (mode 1), or a catalogue glass with offsets (mode 4).
+/// glass (mode 1), or a catalogue glass with offsets (mode 4); or air.
 pub(super) fn medium(
     words: &[String],
     glasses: &Glasses<'_>,
     notes: &mut Vec<String>,
 ) -> Result<Medium> {
+    if is_air(words) {
+        return Ok(Medium::Air);
+    }
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let name = word(&words, 0, "GLAS")?;
     if name == "MIRROR" {

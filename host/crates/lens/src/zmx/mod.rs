@@ -319,7 +319,7 @@ impl Draft {
             clips: self.clips.iter().map(|clip| clip.placed(scale, centre)).collect(),
             ..Surface::plane(thickness * scale)
         };
-        self.shape(&mut surface, scale, notes)?;
+        self.shape(&mut surface, scale)?;
         // A coordinate break stays in the medium in front of it, whatever stands in its line.
         if surface.form == Form::Break {
             return Ok(surface);
@@ -334,7 +334,8 @@ impl Draft {
 
 /// Refuses an object that is curved, or lies in a glass.
 fn check_object(draft: &Draft, object: Object) -> Result<()> {
-    let (what, help) = match &draft.glass {
+    let glass = draft.glass.as_ref().filter(|(_, words)| !material::is_air(words));
+    let (what, help) = match glass {
         Some((_, words)) => {
             let name = words.first().map_or("a glass", String::as_str);
             (format!("the object lies in {name}"), "only objects in air are traced")
@@ -413,7 +414,8 @@ impl File {
             // A fixed semi-diameter of a refracting surface is an aperture too (the program makes
             // it a "floating" one); a plane in air with one is only drawn so.
             let refracts = !(open && surface.medium == Medium::Air) && surface.form != Form::Break;
-            if surface.form != Form::Break {
+            // Behind a mirror lies the medium in front of it.
+            if surface.form != Form::Break && surface.medium != Medium::Mirror {
                 open = surface.medium == Medium::Air;
             }
             if let (false, true, Some((radius, true))) = (draft.clear, refracts, draft.diameter)

@@ -12,12 +12,7 @@ const DECENTRE_FIRST: f64 = 0.0;
 
 impl Draft {
     /// Gives `surface` the shape of the draft's type; lengths in the file are `scale` mm.
-    pub(super) fn shape(
-        &self,
-        surface: &mut Surface,
-        scale: f64,
-        notes: &mut Vec<String>,
-    ) -> Result<()> {
+    pub(super) fn shape(&self, surface: &mut Surface, scale: f64) -> Result<()> {
         // A coefficient of r^p, in file units^(1-p).
         let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
         match self.kind.as_str() {
@@ -34,24 +29,22 @@ impl Draft {
             }
             "XASPHERE" => {
                 // Coefficients of (r/radius)^2i.
-                let (radius, terms) = self.extra_terms(scale)?;
+                let (radius, terms) = self.extra_terms(1, scale)?;
                 let mut power = 1.0;
                 for a in terms {
                     power *= radius * radius;
                     surface.even.push(a / power);
                 }
             }
-            "QCONASPH" | "QBFSASPH" => {
-                let kind = if self.kind.starts_with("QCON") { Kind::Con } else { Kind::Bfs };
-                let (radius, terms) = self.extra_terms(scale)?;
+            "QED_TYPE" => {
+                if self.parameters.iter().any(|v| *v != 0.0) {
+                    return refuse("a Q-type asphere with parameters (PARM)");
+                }
+                let kind = self.forbes_kind()?;
+                let (radius, terms) = self.extra_terms(2, scale)?;
                 if !terms.is_empty() {
                     surface.form = Form::Forbes(Forbes::new(kind, radius, terms)?);
                 }
-                notes.push(format!(
-                    "line {}: {} is read with its number of terms, normalisation radius and \
-                     coefficients as XDAT 1, 2 and 3 on, as in other surfaces with extra data",
-                    self.line, self.kind
-                ));
             }
             "BICONICX" => {
                 let curvature = self.curvature_of(1, scale);
@@ -81,15 +74,29 @@ impl Draft {
         }
     }
 
-    /// `XDAT`: number of terms, normalisation radius (mm), coefficients (mm).
-    fn extra_terms(&self, scale: f64) -> Result<(f64, Vec<f64>)> {
-        let used = self.extra.first().copied().unwrap_or(0.0).clamp(0.0, 1e3) as usize;
-        let radius = self.extra.get(1).copied().unwrap_or(1.0) * scale;
+    /// The polynomials of a Q-type asphere: `XDAT 1` is 0 for Q-bfs and 1 for Q-con, as Zemax's
+    /// staff say (community.zemax.com, "Listing the Q-bfs Polynomials"). So read, Thorlabs' lens
+    /// ASL5040-UV of NA 0.65 focuses to 0.5 µm, and in no other way (`a_q_type_asphere_focuses`).
+    fn forbes_kind(&self) -> Result<Kind> {
+        match self.extra.first().copied().unwrap_or(0.0) {
+            0.0 => Ok(Kind::Bfs),
+            1.0 => Ok(Kind::Con),
+            other => Err(Error::unsupported(format!("a Q-type asphere of type {other} (XDAT 1)"))
+                .help("known are 0 (Q-bfs) and 1 (Q-con)")),
+        }
+    }
+
+    /// `XDAT` from number `first` on: number of terms, normalisation radius (mm), coefficients
+    /// (mm).
+    fn extra_terms(&self, first: usize, scale: f64) -> Result<(f64, Vec<f64>)> {
+        let extra = self.extra.get(first - 1..).unwrap_or(&[]);
+        let used = extra.first().copied().unwrap_or(0.0).clamp(0.0, 1e3) as usize;
+        let radius = extra.get(1).copied().unwrap_or(1.0) * scale;
         if used > 0 && radius == 0.0 {
-            return Err(Error::input("normalisation radius 0 (XDAT 2)")
+            return Err(Error::input(format!("normalisation radius 0 (XDAT {})", first + 1))
                 .help("give the radius the coefficients refer to"));
         }
-        Ok((radius, self.extra.iter().skip(2).take(used).map(|a| a * scale).collect()))
+        Ok((radius, extra.iter().skip(2).take(used).map(|a| a * scale).collect()))
     }
 
     /// `PARM 1`: radius of rotation; from `PARM 2` on: coefficients of y², y⁴, ...
