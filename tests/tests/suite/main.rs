@@ -20,6 +20,7 @@ mod lens_apertures;
 mod lens_focus;
 mod lens_import;
 mod lens_macros;
+mod lens_tracer;
 mod light_in_time;
 mod live;
 mod measuring;
