@@ -5,7 +5,6 @@ use super::*;
 use camrig_glass::text;
 pub(super) use camrig_testing::shared;
 use serde_json::Value;
-use std::path::PathBuf;
 
 fn json(path: &Path) -> Value {
     // Python writes NaN, which JSON has not.
