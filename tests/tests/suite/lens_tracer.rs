@@ -1,7 +1,7 @@
 //! The tracer against figures of other programs and closed forms.
 
 use super::shared;
-use camrig::lens::characterise::{self, PsfMethod, characterise};
+use camrig::lens::characterise;
 use camrig::lens::prescription::Object;
 use camrig::lens::{Catalogue, Conditions, Prescription, System, read_prescription, toml};
 use std::path::PathBuf;
