@@ -35,6 +35,7 @@ const ADVICE: &[(&str, &str)] = &[
     ("rig-register", "camrig rig register --help lists the registers"),
     ("rig-unreachable", "camrig rig serve --tcp HOST:PORT starts one"),
     ("rotation-stacks", "camrig crosstalk bench makes such captures"),
+    ("row-padding", "--stride BYTES"),
     ("saturated-capture", "camrig scene hdr merges captures"),
     ("several-frames", "--frame N"),
     ("stop-radius", "--stop-radius MM, in a camera file stop_radius_mm = MM"),

@@ -1,6 +1,8 @@
 //! DNG reader: colour-filter-array and linear raw DNGs, in strips or tiles, 8 to 16 bits per
 //! sample, packed, in words, or as lossless JPEG.
 //!
+//! Of several raw images one is read (`choose`), and a note names the others.
+//!
 //! The linearization table is applied to the samples, and the frame is cropped to the active area,
 //! to which pattern and black levels refer. Row and column black-level deltas are not applied,
 //! which a note says.
@@ -8,45 +10,33 @@
 use super::dng::{color_code, color_letter};
 use super::dng_info::DngInfo;
 use super::ifd::{Ifd, Tiff};
-use super::{Facts, Frames, Taken, full_scale, opcodes, tiff_samples};
+use super::{Facts, Frames, Taken, full_scale, narrow, opcodes, tiff_samples};
 use camrig_base::{Cfa, Error, Plane, Result};
+use std::cmp::Reverse;
 
 /// PhotometricInterpretation of a colour filter array.
 const CFA: u64 = 32803;
 /// PhotometricInterpretation of linear raw samples without a colour filter array.
 const LINEAR_RAW: u64 = 34892;
-/// SubIFDs that are read: the raw image and a few previews are usual; the limit bounds the work
-/// that a damaged file can ask for.
-const MAX_SUB_IFDS: usize = 64;
+/// Directories that a file may have: the raw image and a few previews are usual; the limit bounds
+/// the work that a damaged file can ask for.
+const MAX_DIRECTORIES: usize = 64;
 
 /// Reads DNG bytes.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let file = Tiff::open(bytes)?;
-    let main = file.ifd(file.first()?)?;
-    let offsets = main.uints(330).unwrap_or_default();
-    let mut images = Vec::new();
-    for offset in offsets.iter().take(MAX_SUB_IFDS) {
-        images.push(file.ifd(*offset as usize)?);
-    }
-    // The full-size raw image is the one with the most pixels.
-    let raw = images
-        .iter()
-        .chain([&main])
-        .filter(|d| matches!(d.uint(262), Some(CFA | LINEAR_RAW)))
-        .max_by_key(|d| d.uint(256).unwrap_or(0).saturating_mul(d.uint(257).unwrap_or(0)))
-        .ok_or_else(|| {
-            Error::input("a DNG without a raw image").help("is it a JPEG preview only?")
-        })?;
+    let mut notes = Vec::new();
+    let images = directories(&file, &mut notes)?;
+    let (main, raw) = (&images[0], choose(&images, &mut notes)?);
     let stored = tiff_samples::read(&file, raw)?;
-    let plane = crop(linear(stored, raw), raw)?;
+    let plane = crop(linear(stored, raw)?, raw)?;
     // The tags decide. Camrig's own note adds the bits, which a white level below full scale does
     // not tell, and the letters of filters that have no code of their own.
     let mut note = Facts::default();
     note.merge_note(&raw.text(270).unwrap_or_default());
     let cfa = pattern(raw, note.cfa)?;
     let black = black_levels(raw, cfa.width, cfa.height)?;
-    let white = raw.uint(50717).and_then(|w| u16::try_from(w).ok());
-    let white = white.unwrap_or_else(|| full_scale(raw.uint(258).unwrap_or(16) as u32));
+    let white = white_level(raw, &mut notes)?;
     // Noise and highlights reach above the level at which a sensor counts as saturated.
     let largest = plane.data.iter().copied().max().unwrap_or(0).max(white);
     let mut facts = Facts {
@@ -56,18 +46,18 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         white_level_dn: Some(white),
         ..Facts::default()
     };
-    let deltas = [50715, 50716].map(|tag| raw.floats(tag).unwrap_or_default()); // H, V
-    if deltas.iter().flatten().any(|d| *d != 0.0) {
-        facts.notes.push(
-            "the file's black levels differ by row or column (BlackLevelDelta), which is not \
-             applied"
-                .into(),
-        );
+    for (tag, name) in [(50715, "BlackLevelDeltaH"), (50716, "BlackLevelDeltaV")] {
+        if numbers(raw, tag, name)?.unwrap_or_default().iter().any(|d| *d != 0.0) {
+            notes.push(format!(
+                "the file's black levels differ by row or column ({name}), which is not applied"
+            ));
+        }
     }
+    facts.notes = notes;
     let exif = main.uint(34665).and_then(|offset| file.ifd(offset as usize).ok());
     facts.taken = exif.as_ref().map(Taken::of_exif).unwrap_or_default();
     facts.taken.noted = true;
-    let mut info = info(&main, raw, exif.as_ref())?;
+    let mut info = info(main, raw, exif.as_ref())?;
     if black.iter().any(|b| *b != black[0]) {
         info.black_levels_dn = black;
     }
@@ -75,18 +65,119 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     Ok(Frames { planes: vec![plane], facts })
 }
 
-/// Applies the linearization table; indices beyond its end take the last entry.
-fn linear(mut plane: Plane<u16>, raw: &Ifd) -> Plane<u16> {
-    if let Some(table) = raw.uints(50712).filter(|t| !t.is_empty()) {
-        for sample in &mut plane.data {
-            *sample = table[usize::from(*sample).min(table.len() - 1)] as u16;
+/// The directories of the file: the chain of main ones, each followed by its SubIFDs.
+fn directories<'a>(file: &Tiff<'a>, notes: &mut Vec<String>) -> Result<Vec<Ifd<'a>>> {
+    let mut images = Vec::new();
+    let (mut place, mut seen) = (Some(file.first()?), Vec::new());
+    while let Some(offset) = place {
+        let read = if seen.contains(&offset) {
+            Err(Error::input("a chain of directories that comes back to its beginning"))
+        } else {
+            file.ifd(offset)
+        };
+        let main = match read {
+            Ok(main) => main,
+            Err(error) if images.is_empty() => return Err(error),
+            // Some writers leave no sensible number behind their last directory.
+            Err(error) => {
+                notes.push(format!(
+                    "what follows directory {} is not read: {}",
+                    seen.len(),
+                    error.what()
+                ));
+                break;
+            }
+        };
+        seen.push(offset);
+        // A file cut off right here has lost nothing but the mark of its end.
+        place = file.next(&main).unwrap_or(None);
+        let inner = main.uints(330).unwrap_or_default();
+        images.push(main);
+        for offset in inner.iter().take(MAX_DIRECTORIES) {
+            images.push(file.ifd(*offset as usize)?);
+        }
+        if inner.len() > MAX_DIRECTORIES || images.len() > MAX_DIRECTORIES {
+            return Err(Error::limit(format!("a DNG of more than {MAX_DIRECTORIES} directories"))
+                .help("is it damaged?"));
         }
     }
-    plane
+    Ok(images)
+}
+
+/// The raw image: one that calls itself the main image (NewSubFileType 0) before others, then the
+/// one with the most pixels, then the first. A note names the others.
+fn choose<'i, 'a>(images: &'i [Ifd<'a>], notes: &mut Vec<String>) -> Result<&'i Ifd<'a>> {
+    let sides = |d: &Ifd| [256, 257].map(|tag| d.uint(tag).unwrap_or(0));
+    let kind = |d: &Ifd| d.uint(254).unwrap_or(0);
+    let raw = || images.iter().filter(|d| matches!(d.uint(262), Some(CFA | LINEAR_RAW)));
+    let rank = |d: &&Ifd| (kind(d) != 0, Reverse(sides(d)[0].saturating_mul(sides(d)[1])));
+    let chosen = raw().min_by_key(rank).ok_or_else(|| {
+        Error::input("a DNG without a raw image").help("is it a JPEG preview only?")
+    })?;
+    let (mut read, mut others) = (String::new(), Vec::new());
+    for (number, image) in (1..).zip(raw()) {
+        let ([width, height], kind) = (sides(image), kind(image));
+        let name = format!("number {number} ({width} x {height}, NewSubFileType {kind})");
+        if std::ptr::eq(image, chosen) {
+            read = name;
+        } else {
+            others.push(name);
+        }
+    }
+    if !others.is_empty() {
+        notes.push(format!(
+            "of the file's {} raw images {read} is read, not {}",
+            others.len() + 1,
+            others.join(", ")
+        ));
+    }
+    Ok(chosen)
+}
+
+/// The numbers of a field, `None` where the file lacks it.
+fn numbers(raw: &Ifd, tag: u16, name: &str) -> Result<Option<Vec<f64>>> {
+    if raw.bytes(tag).is_none() {
+        return Ok(None);
+    }
+    let values = raw.floats(tag).filter(|v| !v.is_empty()).ok_or_else(|| {
+        Error::input("values that are no finite numbers")
+            .at(format!("{name} (tag {tag})"))
+            .help("give whole numbers or fractions whose denominator is not 0")
+    })?;
+    Ok(Some(values))
+}
+
+/// The white level; by the DNG specification full scale where the file lacks it.
+fn white_level(raw: &Ifd, notes: &mut Vec<String>) -> Result<u16> {
+    let Some(levels) = numbers(raw, 50717, "WhiteLevel")? else {
+        return Ok(full_scale(raw.uint(258).unwrap_or(16) as u32));
+    };
+    let white = levels[0];
+    if levels.iter().any(|level| *level != white) {
+        notes.push(format!("of the file's white levels {levels:?} the first is taken"));
+    }
+    if white > f64::from(u16::MAX) {
+        notes.push(format!(
+            "the file's white level {white} is above what 16 bits hold: {} is taken",
+            u16::MAX
+        ));
+    }
+    narrow::float(white.min(f64::from(u16::MAX))).map_err(|e| e.at("WhiteLevel (tag 50717)"))
+}
+
+/// Applies the linearization table; indices beyond its end take the last entry.
+fn linear(mut plane: Plane<u16>, raw: &Ifd) -> Result<Plane<u16>> {
+    if let Some(table) = numbers(raw, 50712, "LinearizationTable")? {
+        for sample in &mut plane.data {
+            let value = table[usize::from(*sample).min(table.len() - 1)];
+            *sample = narrow::float(value).map_err(|e| e.at("LinearizationTable (tag 50712)"))?;
+        }
+    }
+    Ok(plane)
 }
 
 fn crop(plane: Plane<u16>, raw: &Ifd) -> Result<Plane<u16>> {
-    let Some(active) = raw.uints(50829) else { return Ok(plane) };
+    let Some(active) = numbers(raw, 50829, "ActiveArea")? else { return Ok(plane) };
     let sides: Vec<usize> = active.iter().map(|&v| v as usize).collect();
     match sides[..] {
         [top, left, bottom, right]
@@ -137,7 +228,7 @@ fn pattern(raw: &Ifd, noted: Option<Cfa>) -> Result<Cfa> {
 
 /// Black level of each cell of the pattern; the DNG's own repeat may be smaller.
 fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
-    let levels = raw.floats(50714).unwrap_or_else(|| vec![0.0]);
+    let levels = numbers(raw, 50714, "BlackLevel")?.unwrap_or_else(|| vec![0.0]);
     let (rows, columns) = match raw.uints(50713).as_deref() {
         Some([r, c]) => (*r as usize, *c as usize),
         _ => (1, 1),

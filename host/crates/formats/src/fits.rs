@@ -5,7 +5,9 @@
 //! or compressed in tiles (section 10), of integers or floats of any size whose values are whole.
 //! Keywords of camera programs that are understood: BAYERPAT (COLORTYP) with XBAYROFF and
 //! YBAYROFF, ROWORDER, and what [`Taken`](crate::Taken) holds. EXPTIME is written, where it is
-//! known.
+//! known. An extension without one of these keywords takes it from a primary header without data
+//! unless it says INHERIT = F (the INHERIT convention of the FITS registry), which a note says:
+//! programs that compress an image move it behind such a header.
 //!
 //! The top row is stored first. The standard leaves the direction open; astronomical viewers show
 //! the first row at the bottom, and ROWORDER = 'BOTTOM-UP' says that a file is made for them: its
@@ -79,23 +81,30 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let mut facts = Facts::default();
     let mut found = None;
     let mut others = 0;
+    let mut primary = None;
     while rest.len() >= BLOCK {
-        let header = match Header::read(rest) {
+        let mut header = match Header::read(rest) {
             Ok(header) => header,
             Err(error) if found.is_none() => return Err(error),
             Err(_) => break, // what follows the image is none of ours
         };
         let data = &rest[header.bytes.min(rest.len())..];
+        let length = header.data_bytes();
         if header.has_image() {
             if found.is_none() {
+                if let Some(note) = primary.as_ref().and_then(|p| header.inherit(p)) {
+                    facts.notes.push(note);
+                }
                 facts.taken = header.taken();
                 header.comments.iter().for_each(|c| facts.merge_note(c));
                 found = Some(planes(&header, data, &mut facts)?);
             } else {
                 others += 1;
             }
+        } else if rest.len() == bytes.len() {
+            primary = Some(header);
         }
-        let Ok(length) = header.data_bytes() else { break };
+        let Ok(length) = length else { break };
         rest = data.get(length.next_multiple_of(BLOCK)..).unwrap_or(&[]);
     }
     if others > 0 {

@@ -1,4 +1,4 @@
-//! The directories of a classic TIFF file in memory.
+//! The directories of a TIFF file in memory, classic or BigTIFF.
 //!
 //! The `tiff` crate opens a file only if it knows the photometric interpretation of its first
 //! image, which for many DNG files is a colour filter array; this reader takes any directory and
@@ -13,11 +13,17 @@ pub(super) struct Tiff<'a> {
     /// The whole file.
     pub bytes: &'a [u8],
     big_endian: bool,
+    /// Whether it is a BigTIFF, whose counts and offsets have 64 bits.
+    big: bool,
 }
 
 /// One directory: its fields by tag number.
 pub(super) struct Ifd<'a> {
     fields: BTreeMap<u16, Field<'a>>,
+    /// Where the place of the next directory stands.
+    end: usize,
+    /// Where the directory and all that its fields point at end.
+    pub reach: usize,
 }
 
 #[derive(Clone, Copy)]
@@ -38,38 +44,54 @@ impl<'a> Tiff<'a> {
     /// Checks byte order mark and version.
     pub fn open(bytes: &'a [u8]) -> Result<Self> {
         let big_endian = bytes.starts_with(b"MM");
-        let file = Self { bytes, big_endian };
-        if !(big_endian || bytes.starts_with(b"II")) || file.u16(2)? != 42 {
-            return Err(Error::unsupported("not a classic TIFF file"));
-        }
+        let mut file = Self { bytes, big_endian, big: false };
+        let marked = big_endian || bytes.starts_with(b"II");
+        file.big = match file.u16(2)? {
+            42 if marked => false,
+            // A BigTIFF says that its offsets have 8 bytes.
+            43 if marked && (file.u16(4)?, file.u16(6)?) == (8, 0) => true,
+            _ => return Err(Error::unsupported("not a TIFF file")),
+        };
         Ok(file)
     }
 
     /// Offset of the first directory.
     pub fn first(&self) -> Result<usize> {
-        Ok(self.u32(4)? as usize)
+        self.offset(if self.big { 8 } else { 4 })
+    }
+
+    /// Offset of the directory behind another one in the file's chain; `None` behind the last.
+    pub fn next(&self, ifd: &Ifd) -> Result<Option<usize>> {
+        Ok(Some(self.offset(ifd.end)?).filter(|&offset| offset > 0))
     }
 
     /// The directory at an offset.
     pub fn ifd(&self, offset: usize) -> Result<Ifd<'a>> {
-        let count = self.u16(offset)? as usize;
+        // Bytes of the number of fields and of a field.
+        let (head, entry) = if self.big { (8, 20) } else { (2, 12) };
+        let count = if self.big { self.offset(offset)? } else { self.u16(offset)?.into() };
+        let field = |i: usize| offset.saturating_add(head).saturating_add(i.saturating_mul(entry));
         let mut fields = BTreeMap::new();
+        let mut reach = field(count);
         for i in 0..count {
-            let at = offset.saturating_add(2 + 12 * i);
+            let at = field(i);
             let (tag, kind) = (self.u16(at)?, self.u16(at + 2)?);
             let size = match kind {
                 1 | 2 | 6 | 7 => 1,
                 3 | 8 => 2,
                 4 | 9 | 11 | 13 => 4,
-                5 | 10 | 12 => 8,
+                5 | 10 | 12 | 16 | 17 | 18 => 8,
                 _ => continue, // the TIFF specification: skip unknown types
             };
-            let length = (self.u32(at + 4)? as usize).saturating_mul(size);
-            let start = if length <= 4 { at + 8 } else { self.u32(at + 8)? as usize };
+            let length = self.offset(at + 4)?.saturating_mul(size);
+            // What fits in place of an offset stands there itself.
+            let (place, room) = if self.big { (at + 12, 8) } else { (at + 8, 4) };
+            let start = if length <= room { place } else { self.offset(place)? };
             let data = self.slice(start, length).map_err(|e| e.at(format!("TIFF tag {tag}")))?;
+            reach = reach.max(start + length);
             fields.insert(tag, Field { kind, data, big_endian: self.big_endian });
         }
-        Ok(Ifd { fields })
+        Ok(Ifd { fields, end: field(count), reach })
     }
 
     /// `length` bytes from `start` on, checked.
@@ -88,10 +110,18 @@ impl<'a> Tiff<'a> {
         Ok(self.sample([b[0], b[1]]))
     }
 
-    fn u32(&self, at: usize) -> Result<u32> {
-        let b = self.slice(at, 4)?;
-        Ok(u32_of(b, self.big_endian))
+    /// An offset or a count: 32 bits, of a BigTIFF 64.
+    fn offset(&self, at: usize) -> Result<usize> {
+        if self.big {
+            return Ok(u64_of(self.slice(at, 8)?, self.big_endian) as usize);
+        }
+        Ok(u32_of(self.slice(at, 4)?, self.big_endian) as usize)
     }
+}
+
+fn u64_of(b: &[u8], big_endian: bool) -> u64 {
+    let (a, b) = (u64::from(u32_of(b, big_endian)), u64::from(u32_of(&b[4..], big_endian)));
+    if big_endian { a << 32 | b } else { b << 32 | a }
 }
 
 fn u32_of(b: &[u8], big_endian: bool) -> u32 {
@@ -107,6 +137,7 @@ impl Ifd<'_> {
             1 | 7 => f.data.iter().map(|&b| b.into()).collect(),
             3 => f.data.chunks_exact(2).map(|b| f.u16(b).into()).collect(),
             4 | 13 => f.data.chunks_exact(4).map(|b| u32_of(b, f.big_endian).into()).collect(),
+            16 | 18 => f.data.chunks_exact(8).map(|b| u64_of(b, f.big_endian)).collect(),
             _ => return None,
         })
     }
@@ -132,13 +163,7 @@ impl Ifd<'_> {
                 .chunks_exact(4)
                 .map(|b| f32::from_bits(u32_of(b, f.big_endian)).into())
                 .collect(),
-            12 => eights
-                .map(|b| {
-                    let (a, b) = halves(b);
-                    let (high, low) = if f.big_endian { (a, b) } else { (b, a) };
-                    f64::from_bits(u64::from(high) << 32 | u64::from(low))
-                })
-                .collect(),
+            12 => eights.map(|b| f64::from_bits(u64_of(b, f.big_endian))).collect(),
             _ => self.uints(tag)?.into_iter().map(|v| v as f64).collect(),
         };
         values.iter().all(|v| v.is_finite()).then_some(values)

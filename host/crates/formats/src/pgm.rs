@@ -79,11 +79,12 @@ impl Reader<'_, '_> {
         let data = match magic {
             b"P2" => self.figures(pixels)?,
             _ => {
+                let sample_size = if top < 256 { 1 } else { 2 };
+                let needed = pixels.saturating_mul(sample_size);
                 if magic == b"P5" {
-                    // Exactly one white space separates the maximum from the samples.
-                    self.bytes = self.bytes.get(1..).unwrap_or(b"");
+                    self.separator(needed);
                 }
-                self.binary(pixels, top)?
+                self.binary(needed, sample_size)?
             }
         };
         if let Some(above) = data.iter().find(|&&dn| usize::from(dn) > top) {
@@ -93,9 +94,26 @@ impl Reader<'_, '_> {
         Ok((Plane { width, height, data }, top))
     }
 
-    fn binary(&mut self, pixels: usize, top: usize) -> Result<Vec<u16>> {
-        let sample_size = if top < 256 { 1 } else { 2 };
-        let needed = pixels.saturating_mul(sample_size);
+    /// Skips what separates the maximum from `needed` bytes of samples. By the standard that is
+    /// exactly one white space. Some writers end the lines of the header with CR LF: that is taken
+    /// as one where there is a byte too many otherwise.
+    fn separator(&mut self, needed: usize) {
+        let behind = self.bytes.get(needed.saturating_add(2)..).map(<[u8]>::trim_ascii_start);
+        let whole = behind.is_some_and(|rest| rest.is_empty() || rest.starts_with(b"P"));
+        let skipped = if self.bytes.starts_with(b"\r\n") && whole {
+            let note =
+                "the header's lines end with CR LF: both are taken as the end of the header";
+            if !self.facts.notes.iter().any(|n| n == note) {
+                self.facts.notes.push(note.into());
+            }
+            2
+        } else {
+            1
+        };
+        self.bytes = self.bytes.get(skipped..).unwrap_or(b"");
+    }
+
+    fn binary(&mut self, needed: usize, sample_size: usize) -> Result<Vec<u16>> {
         if self.bytes.len() < needed {
             return Err(truncated(needed, self.bytes.len()));
         }
@@ -205,6 +223,18 @@ mod tests {
         assert_eq!(read(pam), expected);
         let two = b"P5 1 1 255\n\x20\nP5 1 1 255\n\x0a";
         assert_eq!(read(two), "1 1 Some(8) [[32], [10]]");
+    }
+
+    /// A line feed behind CR is the first sample where the file's size says so.
+    #[test]
+    fn headers_of_cr_lf_lines_are_read() {
+        let crlf = b"P5\r\n2 1\r\n255\r\n\x05\x20";
+        assert_eq!(read(crlf), "2 1 Some(8) [[5, 32]]");
+        assert_eq!(read(&[&crlf[..], crlf].concat()), "2 1 Some(8) [[5, 32], [5, 32]]");
+        let notes = decode(&[&crlf[..], crlf].concat()).unwrap().facts.notes;
+        assert!(notes.len() == 1 && notes[0].contains("CR LF"), "{notes:?}");
+        assert_eq!(read(b"P5 2 1 255\r\x0a\x05"), "2 1 Some(8) [[10, 5]]");
+        assert_eq!(read(b"P5\r\n2 1\r\n1023\r\n\0\x05\x03\xff"), "2 1 Some(10) [[5, 1023]]");
     }
 
     #[test]

@@ -140,18 +140,17 @@ impl PixelFormat {
     ) -> Result<Frames> {
         area(width, height)?;
         let row_bytes = self.layout.row_bytes(self.bits, width)?;
-        let stride = stride.unwrap_or(row_bytes);
+        let given = stride;
+        let stride = given.unwrap_or(row_bytes);
         if stride < row_bytes {
             return Err(Error::input(format!("a stride of {stride} bytes"))
                 .help(format!("a row of {width} pixels in {self} takes {row_bytes}")));
         }
         let frame_bytes = stride.saturating_mul(height);
         if bytes.is_empty() || !bytes.len().is_multiple_of(frame_bytes) {
-            return Err(truncated(
-                bytes.len().max(1).div_ceil(frame_bytes).saturating_mul(frame_bytes),
-                bytes.len(),
-            )
-            .at(format!("frames of {width} x {height} {self}")));
+            let padded = given.is_none().then(|| padded_row(bytes.len(), frame_bytes, height));
+            return Err(not_whole(bytes.len(), frame_bytes, padded.flatten())
+                .at(format!("frames of {width} x {height} {self}")));
         }
         let planes = bytes
             .chunks_exact(frame_bytes)
@@ -214,6 +213,37 @@ impl PixelFormat {
         hints.push(format!("{whose} {self}, bytesperline {row_bytes}"));
         hints
     }
+}
+
+/// Frames in a file of which the length of padded rows is guessed: more would be a coincidence.
+const MOST_GUESSED: usize = 256;
+
+/// Bytes from row to row, less than those of two, with which a file is whole frames; of several
+/// the roundest, as rows are padded to multiples of 16, 32, 64, ... bytes.
+fn padded_row(length: usize, frame_bytes: usize, height: usize) -> Option<usize> {
+    (1..=(length / frame_bytes).min(MOST_GUESSED))
+        .filter_map(|frames| {
+            let rows = frames * height;
+            length.is_multiple_of(rows).then_some(length / rows)
+        })
+        .filter(|row| row / 2 < frame_bytes / height)
+        .max_by_key(|row| row.trailing_zeros())
+}
+
+/// The error for bytes that are not whole frames.
+fn not_whole(length: usize, frame_bytes: usize, padded: Option<usize>) -> Error {
+    if length < frame_bytes {
+        return truncated(frame_bytes, length);
+    }
+    Error::input(format!("{length} bytes are no whole number of frames of {frame_bytes} bytes"))
+        .help(match padded {
+            Some(row) => format!(
+                "are rows padded to {row} bytes? then give that as the stride; or is the file \
+                 incomplete, or the size wrong?"
+            ),
+            None => "are size, pixel format and stride right, and is the file whole?".into(),
+        })
+        .with_code("row-padding")
 }
 
 /// Whether a pattern is one of the four that pixel formats name.

@@ -84,6 +84,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     }
     let (width, height) = (info.width as usize, info.height as usize);
     let depth = info.bit_depth as u32;
+    let significant = info.sbit.as_ref().and_then(|bits| bits.first()).map(|&b| u32::from(b));
     let mut facts = Facts { bits: Some(depth), ..Facts::default() };
     for chunk in &info.uncompressed_latin1_text {
         if chunk.keyword == KEYWORD {
@@ -103,5 +104,57 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         return Err(Error::input(format!("PNG: {} of {} pixels", data.len(), width * height))
             .help("the file is truncated"));
     }
+    // Camrig's own note says the bits better.
+    if let Some(bits) = significant.filter(|bits| *bits < depth && !facts.taken.noted) {
+        facts.notes.push(significance(bits, depth, &data));
+    }
     Ok(Frames { planes: vec![Plane { width, height, data }], facts })
+}
+
+/// What `sBIT` says: the samples of fewer bits are to be scaled to the file's (PNG 1.2, section
+/// 4.2.6). They are taken as stored, as those of every format are.
+fn significance(bits: u32, depth: u32, data: &[u16]) -> String {
+    let step = 1u16 << (depth - bits);
+    let how = if data.iter().all(|dn| dn.is_multiple_of(step)) {
+        format!(": all are multiples of {step} DN (left-aligned)")
+    } else if data.iter().all(|dn| dn >> bits == 0) {
+        format!(": none is above what {bits} bits hold")
+    } else {
+        String::new()
+    };
+    format!(
+        "the file says that {bits} of its {depth} bits are significant (sBIT); its samples are \
+         taken as stored, as {depth} bits{how}"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A grey PNG of 16 bits, of which as many are significant as `sBIT` says.
+    fn notes(significant: u8, samples: &[u16], note: Option<&str>) -> Vec<String> {
+        let data: Vec<u8> = samples.iter().flat_map(|dn| dn.to_be_bytes()).collect();
+        let (color, depth) = (codec::ColorType::Grayscale, codec::BitDepth::Sixteen);
+        let note = note.map(str::to_string);
+        let mut bytes = write(samples.len(), 1, color, depth, note, &data).unwrap();
+        // The chunk behind the header, which the encoder does not write: length, name, value, CRC.
+        let chunk = [b's', b'B', b'I', b'T', significant];
+        let sum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&chunk);
+        bytes.splice(33..33, [&[0, 0, 0, 1], &chunk[..], &sum.to_be_bytes()].concat());
+        let frames = decode(&bytes).unwrap();
+        assert_eq!(frames.planes[0].data, samples);
+        frames.facts.notes
+    }
+
+    #[test]
+    fn significant_bits_fewer_than_the_samples_are_told() {
+        let of = |significant, samples: &[u16]| notes(significant, samples, None).join("; ");
+        assert!(of(12, &[0x10, 0xFFF0]).contains("12 of its 16 bits"));
+        assert!(of(12, &[0x10, 0xFFF0]).contains("multiples of 16 DN (left-aligned)"));
+        assert!(of(12, &[0x11, 0xFFF]).contains("none is above what 12 bits hold"));
+        assert!(of(12, &[0x11, 0xFFFF]).ends_with("as stored, as 16 bits"));
+        assert_eq!(of(16, &[0x10, 0xFFF0]), "");
+        assert!(notes(12, &[0x11, 0xFFF], Some("camrig bits=12")).is_empty());
+    }
 }

@@ -224,6 +224,147 @@ fn what_a_dng_reader_does_not_apply_is_said_or_refused() {
     }
 }
 
+/// Levels that are no numbers are refused; those above what samples hold are told.
+#[test]
+fn levels_that_cannot_be_are_refused_or_told() {
+    // The fraction 0/0, and 4095/1, stand among the samples.
+    let data: Vec<u8> = [0u16, 0, 0, 0, 4095, 0, 1, 0].map(u16::to_le_bytes).concat();
+    let with = |tag: (u16, u16, u32, u32)| {
+        let mut tags = plain_strip(4000);
+        tags.retain(|t| t.0 != tag.0);
+        tags.push(tag);
+        decode(&by_hand(4, 2, &data, tags))
+    };
+    for (tag, name) in [(50714, "BlackLevel"), (50717, "WhiteLevel"), (50716, "BlackLevelDeltaV")]
+    {
+        let error = with((tag, 5, 1, 8)).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains("no finite"), "{error}");
+    }
+    let fraction = with((50717, 5, 1, 16)).unwrap().facts;
+    assert_eq!((fraction.white_level_dn, fraction.notes), (Some(4095), vec![]));
+    let high = with((50717, 4, 1, 70000)).unwrap().facts;
+    assert_eq!(high.white_level_dn, Some(65535));
+    assert!(high.notes[0].contains("70000"), "{:?}", high.notes);
+    let several = with((50717, 3, 2, 4000 << 16 | 4095)).unwrap().facts;
+    assert_eq!(several.white_level_dn, Some(4095));
+    assert!(several.notes[0].contains("4000"), "{:?}", several.notes);
+}
+
+/// Signed samples are read where none is negative; floats are not DN.
+#[test]
+fn dng_samples_of_other_formats_are_read_or_refused() {
+    let of = |samples: [i16; 8], format: u32| {
+        let mut tags = plain_strip(4000);
+        tags.push((339, 3, 1, format));
+        decode(&by_hand(4, 2, &samples.map(i16::to_le_bytes).concat(), tags))
+    };
+    let samples = [0, 5, 32767, 2050, 7, 1999, 2001, 1];
+    assert_eq!(of(samples, 2).unwrap().planes[0].data, samples.map(|v| v as u16));
+    let error = of([0, 5, -9, 0, 0, 0, 0, 0], 2).unwrap_err().to_string();
+    assert!(error.contains("value -9"), "{error}");
+    for (format, said) in [(3, "floating point"), (6, "SampleFormat 6")] {
+        let error = of(samples, format).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}
+
+/// A DNG of raw images of 2 x 1: value of their first sample, NewSubFileType and whether the image
+/// is in a SubIFD of the directory before, which is the case for none or all.
+fn several(images: &[(u16, u32)], inner: bool) -> Vec<u8> {
+    // Directories of a fixed size, one behind another; samples are in the field of a strip of one
+    // row, which is read where it stands.
+    const FIELDS: u32 = 11;
+    let place = |index: u32| 8 + index * (2 + FIELDS * 12 + 4 + 4);
+    let mut bytes = b"II*\0\x08\0\0\0".to_vec();
+    for (index, &(sample, kind)) in (0u32..).zip(images) {
+        let next = if index as usize + 1 < images.len() { place(index + 1) } else { 0 };
+        let (chained, contained) = if inner { (0, next) } else { (next, 0) };
+        let mut tags: Tags = vec![
+            (254, 4, 1, kind),
+            (256, 4, 1, 2),
+            (257, 4, 1, 1),
+            (258, 3, 1, 16),
+            (262, 3, 1, 32803),
+            (273, 4, 1, place(index) + 2 + FIELDS * 12 + 4),
+            (277, 3, 1, 1),
+            (33421, 3, 2, 2 << 16 | 2),
+            (33422, 1, 4, 0x0201_0100),
+            (50706, 1, 4, 0x0000_0401),
+        ];
+        // A field of no meaning keeps the size where there is no SubIFD.
+        tags.push(if contained > 0 { (330, 4, 1, contained) } else { (315, 4, 1, 0) });
+        tags.sort();
+        bytes.extend((tags.len() as u16).to_le_bytes());
+        for (tag, kind, count, value) in tags {
+            bytes.extend([tag.to_le_bytes(), kind.to_le_bytes()].concat());
+            bytes.extend([count.to_le_bytes(), value.to_le_bytes()].concat());
+        }
+        bytes.extend(chained.to_le_bytes());
+        bytes.extend([sample.to_le_bytes(), 1u16.to_le_bytes()].concat());
+    }
+    bytes
+}
+
+/// The main image before others, else the first of one size, in SubIFDs and in the chain; the
+/// others are told.
+#[test]
+fn one_of_several_raw_images_is_read_and_the_others_are_told() {
+    for (images, inner, expected) in [
+        (&[(7, 0), (8, 0)][..], true, 7),
+        (&[(7, 0), (8, 0), (9, 0)], false, 7),
+        (&[(7, 1), (8, 0)], true, 8),
+        (&[(7, 1), (8, 0)], false, 8),
+        (&[(7, 16), (8, 1)], false, 7),
+    ] {
+        let frames = decode(&several(images, inner)).unwrap();
+        assert_eq!(frames.planes[0].data, [expected, 1], "{images:?} {inner}");
+        let notes = frames.facts.notes.join("; ");
+        let read = images.iter().position(|i| i.0 == expected).unwrap();
+        let (number, kind) = (read + 1, images[read].1);
+        let said = format!("raw images number {number} (2 x 1, NewSubFileType {kind}) is read");
+        assert!(notes.contains(&said), "{notes}");
+    }
+    let mut circle = several(&[(7, 0), (8, 0)], false);
+    let last = circle.len() - 8;
+    circle[last] = 8;
+    let notes = decode(&circle).unwrap().facts.notes.join("; ");
+    assert!(notes.contains("comes back") && notes.contains("not number 2"), "{notes}");
+}
+
+/// A BigTIFF with the raw in its only directory, packed; both byte orders are one code.
+#[test]
+fn a_dng_within_a_bigtiff_is_read() {
+    let tags: [(u16, u16, u64, u64); 10] = [
+        (256, 4, 1, 3),
+        (257, 4, 1, 2),
+        (258, 3, 1, 12),
+        (262, 3, 1, 32803),
+        (273, 16, 1, 16),
+        (277, 3, 1, 1),
+        (33421, 3, 2, 2 << 16 | 2),
+        (33422, 1, 4, 0x0201_0100),
+        (50706, 1, 4, 0x0000_0701),
+        // Eight bytes stand in the field: 64/1.
+        (50714, 5, 1, 1 << 32 | 64),
+    ];
+    let mut bytes = b"II+\0\x08\0\0\0".to_vec();
+    bytes.extend(26u64.to_le_bytes());
+    bytes.extend([0x12, 0x34, 0x56, 0x78, 0x90, 0xAB, 0xCD, 0xEF, 0x01, 0x20]);
+    bytes.extend((tags.len() as u64).to_le_bytes());
+    for (tag, kind, count, value) in tags {
+        bytes.extend([tag.to_le_bytes(), kind.to_le_bytes()].concat());
+        bytes.extend([count.to_le_bytes(), value.to_le_bytes()].concat());
+    }
+    bytes.extend([0; 8]);
+    assert_eq!(Format::sniff(&bytes), Some(Format::Dng));
+    let raw = decode(&bytes).unwrap().raw(0).unwrap();
+    assert_eq!(raw.data, [0x123, 0x456, 0x789, 0xABC, 0xDEF, 0x012]);
+    assert_eq!((raw.cfa.to_string(), raw.black_level_dn, raw.bits), ("RGGB".into(), 64.0, 12));
+    for length in 0..bytes.len() - 8 {
+        assert!(decode(&bytes[..length]).is_err(), "{length}");
+    }
+}
+
 /// Lossless JPEG in one strip, in two tiles, and in a strip of two rows as one.
 #[test]
 fn lossless_jpeg_fills_strips_and_tiles_row_by_row() {

@@ -3,7 +3,10 @@
 //! The reader takes grey pages of whole numbers from 0 to 65535, stored as integers or floats of 8
 //! to 64 bits, classic or BigTIFF, uncompressed or with one of the compressions of the `tiff`
 //! crate (LZW, Deflate, PackBits); uncompressed ones also packed, of 9 to 15 bits. Samples of
-//! pages whose white is 0 stay as stored, and a note says so.
+//! pages whose white is 0 stay as stored, and a note says so. Frames without a page of their own
+//! ([`stack`]) are read too.
+
+mod stack;
 
 use super::ifd::Tiff;
 use super::{Facts, Frames, Taken, check_range, narrow, tiff_samples};
@@ -53,14 +56,13 @@ fn write<K: TiffKind>(frames: &Frames) -> std::result::Result<Vec<u8>, tiff::Tif
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let mut file = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
+    let description = file.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     loop {
         let page = Page::read(&mut file, bytes)?;
         if frames.planes.is_empty() {
             frames.facts.bits = page.bits;
             frames.facts.taken = Taken::of_tiff(bytes);
-            if let Ok(note) = file.get_tag_ascii_string(Tag::ImageDescription) {
-                frames.facts.merge_note(&note);
-            }
+            frames.facts.merge_note(&description);
             if page.white_is_zero {
                 frames.facts.notes.push(
                     "the file calls 0 white (PhotometricInterpretation WhiteIsZero): its samples \
@@ -73,10 +75,12 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         }
         frames.planes.push(page.plane);
         if !file.more_images() {
-            return Ok(frames);
+            break;
         }
         file.next_image().map_err(failed)?;
     }
+    stack::further(&mut frames, &description, bytes)?;
+    Ok(frames)
 }
 
 fn failed(e: tiff::TiffError) -> Error {
@@ -177,7 +181,7 @@ fn packed(
 ) -> Result<Plane<u16>> {
     let refused = |what: &str| {
         Error::unsupported(format!("a TIFF of {depth} bits per sample, {what}"))
-            .help("samples of 9 to 15 bits are read from uncompressed classic TIFF files")
+            .help("samples of 9 to 15 bits are read from uncompressed TIFF files")
     };
     if !uncompressed {
         return Err(refused("compressed"));
@@ -187,7 +191,7 @@ fn packed(
         return Err(refused("not unsigned integers"));
     }
     let directory = file.ifd_pointer().ok_or_else(|| refused("without a directory"))?;
-    let tiff = Tiff::open(bytes).map_err(|_| refused("BigTIFF"))?;
+    let tiff = Tiff::open(bytes)?;
     tiff_samples::read(&tiff, &tiff.ifd(directory.0 as usize)?)
 }
 
@@ -197,28 +201,40 @@ mod tests {
 
     /// A little-endian page of 3 x 2 with one strip.
     fn page(bits: u16, photometric: u16, format: u16, strip: &[u8]) -> Vec<u8> {
+        described([bits, photometric, format], strip, strip.len(), "images")
+    }
+
+    /// Such a page with a description and then `data`, of which the first `length` bytes are its
+    /// strip.
+    fn described(how: [u16; 3], data: &[u8], length: usize, text: &str) -> Vec<u8> {
+        let [bits, photometric, format] = how;
+        // Behind the header and a directory of 11 fields.
+        let at = 8 + 2 + 11 * 12 + 4;
         let tags = [
             (256u16, 3u16),
             (257, 2),
             (258, bits),
             (259, 1),
             (262, photometric),
-            (273, 8),
+            (270, at),
+            (273, at + text.len() as u16),
             (277, 1),
             (278, 2),
-            (279, strip.len() as u16),
+            (279, length as u16),
             (339, format),
         ];
-        let mut bytes = b"II*\0".to_vec();
-        bytes.extend((8 + strip.len() as u32).to_le_bytes());
-        bytes.extend(strip);
+        let mut bytes = b"II*\0\x08\0\0\0".to_vec();
         bytes.extend((tags.len() as u16).to_le_bytes());
         for (tag, value) in tags {
             bytes.extend(tag.to_le_bytes());
-            bytes.extend([3, 0, 1, 0, 0, 0]);
+            let (kind, count) = if tag == 270 { (2u16, text.len()) } else { (3, 1) };
+            bytes.extend(kind.to_le_bytes());
+            bytes.extend((count as u32).to_le_bytes());
             bytes.extend(u32::from(value).to_le_bytes());
         }
         bytes.extend([0; 4]);
+        bytes.extend(text.as_bytes());
+        bytes.extend(data);
         bytes
     }
 
@@ -256,6 +272,39 @@ mod tests {
         ] {
             let error = decode(&page(bits, 1, format, &strip)).unwrap_err().to_string();
             assert!(error.contains(said), "{error}");
+        }
+    }
+
+    /// Three frames and one page, as ImageJ and tifffile write them; files that have fewer frames
+    /// than they say are refused.
+    #[test]
+    fn frames_without_a_page_are_read_where_the_description_counts_them() {
+        let words = bytes_of(
+            [DN, DN.map(|v| v / 2), DN.map(|v| v / 3)]
+                .as_flattened()
+                .iter()
+                .map(|v| v.to_le_bytes()),
+        );
+        let file = |data: &[u8], text: &str| described([16, 1, 1], data, 12, text);
+        let imagej = "ImageJ=1.11a\nimages=3\nchannels=3\nhyperstack=true\n\0";
+        for text in [imagej, "{\"shape\": [3, 2, 3], \"truncated\": true}\0"] {
+            let frames = decode(&file(&words, text)).unwrap();
+            let data: Vec<_> = frames.planes.iter().map(|p| p.data.to_vec()).collect();
+            assert_eq!(data, [DN, DN.map(|v| v / 2), DN.map(|v| v / 3)], "{text}");
+            assert!(frames.facts.notes[0].contains("3 frames"), "{:?}", frames.facts.notes);
+            let short = file(&words[..35], text);
+            // The description (field 5 of the directory) where the third frame should be.
+            let mut behind = file(&words[..24], text);
+            behind[78] = behind.len() as u8;
+            behind.extend(text.as_bytes());
+            for (bytes, said) in [(short, "ends before"), (behind, "other data behind")] {
+                let error = decode(&bytes).unwrap_err().to_string();
+                assert!(error.contains("3 frames") && error.contains(said), "{error}");
+            }
+        }
+        for text in ["ImageJ=1.11a\nimages=1\n\0", "{\"shape\": [2, 3]}\0", "images=3\0"] {
+            let frames = decode(&file(&words, text)).unwrap();
+            assert_eq!((frames.planes.len(), frames.facts.notes), (1, vec![]), "{text}");
         }
     }
 

@@ -2,7 +2,7 @@
 //! lossless JPEG.
 
 use super::ifd::{Ifd, Tiff};
-use super::{area, ljpeg, truncated};
+use super::{area, ljpeg, narrow, truncated};
 use camrig_base::{Error, Plane, Result};
 
 /// Compression: none.
@@ -10,12 +10,17 @@ const UNCOMPRESSED: u64 = 1;
 /// Compression: JPEG, which for samples of more than 8 bits is lossless.
 const JPEG: u64 = 7;
 
+/// SampleFormat: unsigned, which is the default; undefined samples are read like those (TIFF 6.0).
+const UNSIGNED: [u64; 2] = [1, 4];
+/// SampleFormat: signed, in two's complement.
+const SIGNED: u64 = 2;
+/// SampleFormat: floating point.
+const FLOAT: u64 = 3;
+
 /// The stored samples of a directory of one sample per pixel.
 pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
-    let need = |tag: u16, name: &str| {
-        raw.uint(tag).ok_or_else(|| Error::input(format!("a raw image without {name}")))
-    };
-    let (width, height) = (need(256, "ImageWidth")? as usize, need(257, "ImageLength")? as usize);
+    let width = need(raw, 256, "ImageWidth")? as usize;
+    let height = need(raw, 257, "ImageLength")? as usize;
     let (bits, per_pixel) = (raw.uint(258).unwrap_or(16), raw.uint(277).unwrap_or(1));
     let compression = raw.uint(259).unwrap_or(UNCOMPRESSED);
     if ![UNCOMPRESSED, JPEG].contains(&compression) {
@@ -28,6 +33,14 @@ pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
         return Err(Error::unsupported(format!("a DNG with compression {compression}{name}"))
             .help("uncompressed and lossless JPEG are read; convert it to one of them first"));
     }
+    let format = raw.uint(339).unwrap_or(UNSIGNED[0]);
+    if format != SIGNED && !UNSIGNED.contains(&format) {
+        let name = if format == FLOAT { " (floating point)" } else { "" };
+        return Err(Error::unsupported(format!(
+            "a raw image of samples of {bits} bits in SampleFormat {format}{name}"
+        ))
+        .help("integers of 8 to 16 bits are read; convert it to them first"));
+    }
     if !(8..=16).contains(&bits) || per_pixel != 1 {
         return Err(Error::unsupported(format!(
             "a raw image of {per_pixel} samples of {bits} bits per pixel"
@@ -37,10 +50,38 @@ pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
     if raw.uint(266).is_some_and(|order| order != 1) {
         return Err(Error::unsupported("a raw image with reversed bits (FillOrder 2)"));
     }
+    let mut plane = stored(file, raw, (width, height), (bits as usize, compression))?;
+    if format == SIGNED {
+        for sample in &mut plane.data {
+            *sample = narrow::integer(signed(*sample, bits as u32).into())
+                .map_err(|e| e.at("signed samples (SampleFormat 2)"))?;
+        }
+    }
+    Ok(plane)
+}
+
+/// The field of a directory, of which it must have one.
+fn need(raw: &Ifd, tag: u16, name: &str) -> Result<u64> {
+    raw.uint(tag).ok_or_else(|| Error::input(format!("a raw image without {name}")))
+}
+
+/// The value of a sample in two's complement.
+fn signed(sample: u16, bits: u32) -> i16 {
+    let above = u16::BITS - bits;
+    (sample << above) as i16 >> above
+}
+
+/// The samples of the strips or tiles, of a size, and of bits per sample in a compression.
+fn stored(
+    file: &Tiff,
+    raw: &Ifd,
+    (width, height): (usize, usize),
+    (bits, compression): (usize, u64),
+) -> Result<Plane<u16>> {
     let tiled = raw.uint(322).is_some();
     let (columns, rows, offsets, lengths) = if tiled {
-        let rows = need(323, "TileLength")?;
-        (need(322, "TileWidth")?, rows, raw.uints(324), raw.uints(325))
+        let rows = need(raw, 323, "TileLength")?;
+        (need(raw, 322, "TileWidth")?, rows, raw.uints(324), raw.uints(325))
     } else {
         let rows = raw.uint(278).unwrap_or(height as u64).min(height as u64);
         (width as u64, rows, raw.uints(273), raw.uints(279))
@@ -53,7 +94,7 @@ pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
     if offsets.len() < needed || area(width, height)? > file.bytes.len().saturating_mul(8) {
         return Err(truncated(needed, offsets.len()).at("strips or tiles"));
     }
-    let chunks = Chunks { columns, rows, bits: bits as usize };
+    let chunks = Chunks { columns, rows, bits };
     let mut plane = Plane::filled(width, height, 0);
     if compression == JPEG {
         let lengths = lengths

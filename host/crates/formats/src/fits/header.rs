@@ -5,6 +5,21 @@ use crate::{Said, Taken, truncated};
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
+/// Keywords that an extension takes over from a primary header without data, with their synonyms:
+/// one of them in the extension stands for all.
+const INHERITED: [&[&str]; 10] = [
+    &["BAYERPAT", "COLORTYP"],
+    &["XBAYROFF"],
+    &["YBAYROFF"],
+    &["ROWORDER"],
+    &["EXPTIME", "EXPOSURE"],
+    &["CCD-TEMP"],
+    &["XPIXSZ"],
+    &["IMAGETYP", "FRAME"],
+    &["GAIN"],
+    &["EGAIN"],
+];
+
 /// The header of one unit.
 #[derive(Default)]
 pub(super) struct Header {
@@ -50,6 +65,34 @@ impl Header {
             }
         }
         Err(Error::input("a FITS header without END").help("truncated?"))
+    }
+
+    /// Takes over what an extension lacks from a primary header without data; a note of what that
+    /// is.
+    pub fn inherit(&mut self, primary: &Self) -> Option<String> {
+        if self.text("INHERIT") == Some("F") {
+            return None;
+        }
+        // The extension's own come last, so that they prevail.
+        self.comments.splice(0..0, primary.comments.iter().cloned());
+        let mut taken = Vec::new();
+        for synonyms in INHERITED {
+            if synonyms.iter().any(|key| self.values.contains_key(*key)) {
+                continue;
+            }
+            for &key in synonyms {
+                if let Some(value) = primary.text(key) {
+                    self.values.insert(key.into(), value.into());
+                    taken.push(key);
+                }
+            }
+        }
+        (!taken.is_empty()).then(|| {
+            format!(
+                "{}: from the file's primary header, as the image's has none",
+                taken.join(", ")
+            )
+        })
     }
 
     fn bad(&self, key: &str) -> Error {

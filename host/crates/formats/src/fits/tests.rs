@@ -99,6 +99,40 @@ fn the_first_image_is_read_wherever_it_stands() {
     assert!(refused(&[&empty[..], &table].concat()).contains("without an image"));
 }
 
+/// What a compressed image leaves in an empty primary header holds for the image.
+#[test]
+fn keywords_of_an_empty_primary_header_are_taken_over() {
+    let primary = unit(
+        &[
+            ("SIMPLE", "T"),
+            ("BITPIX", "8"),
+            ("NAXIS", "0"),
+            ("BAYERPAT", "'GRBG    '"),
+            ("ROWORDER", "'BOTTOM-UP'"),
+            ("EXPTIME", "0.5"),
+        ],
+        &[],
+    );
+    let read_with = |more: &[(&str, &str)]| {
+        let mut cards = vec![("XTENSION", "'IMAGE   '"), ("BITPIX", "16"), ("NAXIS", "2")];
+        cards.extend([("NAXIS1", "3"), ("NAXIS2", "2"), ("PCOUNT", "0"), ("GCOUNT", "1")]);
+        cards.extend(more);
+        let data = [1i16, 2, 3, 4, 5, 6].map(i16::to_be_bytes).concat();
+        let (samples, facts) = read(&[&primary[..], &unit(&cards, &data)].concat());
+        let exposure_s = facts.taken.exposure_s.map(|said| said.value);
+        (samples, facts.cfa.map(|c| c.to_string()), exposure_s, facts.notes.join("; "))
+    };
+    let told = |name: &str| Some(name.to_string());
+    let (samples, cfa, exposure_s, notes) = read_with(&[]);
+    assert_eq!((samples, cfa, exposure_s), (vec![4, 5, 6, 1, 2, 3], told("GRBG"), Some(0.5)));
+    assert!(notes.contains("BAYERPAT, ROWORDER, EXPTIME: from the file's primary"), "{notes}");
+    // The extension's own prevail, also by another name.
+    let own = [("COLORTYP", "'RGGB    '"), ("ROWORDER", "'TOP-DOWN'"), ("EXPOSURE", "2.0")];
+    let stored = vec![1, 2, 3, 4, 5, 6];
+    assert_eq!(read_with(&own), (stored.clone(), told("RGGB"), Some(2.0), String::new()));
+    assert_eq!(read_with(&[("INHERIT", "F")]), (stored, None, None, String::new()));
+}
+
 #[test]
 fn patterns_of_camera_programs_are_read() {
     let data = [1i16, 2, 3, 4, 5, 6].map(i16::to_be_bytes).concat();

@@ -93,3 +93,22 @@ fn patterns_without_a_name_are_left_out_and_told() {
     frames.facts.cfa = Some(Cfa::parse("mono").unwrap());
     assert_eq!(words.leaves_out(&frames.facts), None);
 }
+
+/// Files that are not whole frames: rows of 5 bytes of which the file has 8 each, with and without
+/// the stride; a file cut off within its first frame.
+#[test]
+fn padded_rows_are_asked_for() {
+    let pixels = PixelFormat::parse("SRGGB10P").unwrap();
+    let refused =
+        |bytes: &[u8], stride| pixels.decode(bytes, 4, 6, stride).unwrap_err().to_string();
+    for frames in [1, 3] {
+        let bytes = vec![0; frames * 6 * 8];
+        let error = refused(&bytes, None);
+        assert!(error.contains("frames of 30 bytes") && error.contains("to 8 bytes"), "{error}");
+        assert_eq!(pixels.decode(&bytes, 4, 6, Some(8)).unwrap().planes.len(), frames);
+    }
+    let error = refused(&[0; 61], None);
+    assert!(error.contains("61 bytes") && !error.contains("padded"), "{error}");
+    assert!(refused(&[0; 50], Some(8)).contains("frames of 48 bytes"));
+    assert!(refused(&[0; 29], None).contains("30 bytes needed, 29 there"));
+}
