@@ -28,6 +28,7 @@ mod photon_transfer;
 mod pictures;
 mod radiometry;
 mod real_data;
+mod scene_files;
 mod scene_frames;
 mod scene_sequences;
 mod seq_files;

@@ -27,6 +27,8 @@ const LAYOUTS: &[(&str, usize, f64, &str)] = &[
 /// Parts of the names of lists of wavelengths.
 const WAVELENGTH_NAMES: [&str; 8] =
     ["wave", "wl", "wvl", "lambda", "band", "nm", "center", "centre"];
+/// Parts of the names of lists that lie beside them: of the widths of bands, of wavenumbers.
+const OTHER_NAMES: [&str; 3] = ["fwhm", "width", "number"];
 /// Band centres in nm and in µm, to tell lists of wavelengths from lists of indices.
 const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
 const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
@@ -57,9 +59,10 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     if sidecar.array.is_none() && (has("photons") || has("mcCOEF")) {
         return isetcam::open(path, sidecar);
     }
-    let (name, shape) = arrays.choose(sidecar.array.as_deref())?;
+    let (name, shape) = choose(&arrays.list, sidecar.array.as_deref())?;
     let lengths = three_axes(shape).ok_or_else(|| not_a_cube(name, shape))?;
-    let wavelengths = arrays.wavelengths(&lengths)?;
+    let wavelengths =
+        wavelengths(&arrays.list, &lengths, sidecar, |name| arrays.numbers_of(name))?;
     let axes = match (&sidecar.axes, &wavelengths) {
         (Some(axes), _) => axes.clone(),
         (None, Some((_, nm))) => axes_of(&lengths, nm.len()).to_string(),
@@ -117,7 +120,7 @@ fn three_axes(shape: &[usize]) -> Option<[usize; 3]> {
 }
 
 /// The order of axes of which one has `bands` entries: the last of such.
-fn axes_of(lengths: &[usize; 3], bands: usize) -> &'static str {
+pub(super) fn axes_of(lengths: &[usize; 3], bands: usize) -> &'static str {
     match lengths.iter().rposition(|&n| n == bands) {
         Some(0) => "byx",
         Some(1) => "ybx",
@@ -128,6 +131,106 @@ fn axes_of(lengths: &[usize; 3], bands: usize) -> &'static str {
 fn not_a_cube(name: &str, shape: &[usize]) -> Error {
     Error::input(format!("array {name:?} of shape {shape:?}"))
         .help("a spectral cube has three axes: rows, columns, bands")
+}
+
+/// The array that holds the cube.
+pub(super) fn choose<'a>(
+    list: &'a [(String, Vec<usize>)],
+    wanted: Option<&str>,
+) -> Result<(&'a str, &'a [usize])> {
+    let cubes = list.iter().filter(|(_, shape)| three_axes(shape).is_some());
+    let mut cubes: Vec<_> = cubes.filter(|(_, shape)| !shape.contains(&0)).collect();
+    if cubes.len() > 1 {
+        // Pictures of three colours beside the cube.
+        let named = |name: &str| {
+            let name = name.to_lowercase();
+            ["rgb", "preview", "thumb", "picture", "color"].iter().any(|w| name.contains(w))
+        };
+        cubes.retain(|(name, shape)| !(shape.contains(&3) && named(name)));
+    }
+    let last = |name: &str| name.rsplit('/').next().unwrap_or(name).to_string();
+    let chosen = match wanted {
+        Some(wanted) => list.iter().find(|(n, _)| n == wanted || last(n) == wanted),
+        None if cubes.len() == 1 => Some(cubes[0]),
+        None => {
+            let known = |n: &str| LAYOUTS.iter().any(|(layout, ..)| *layout == n);
+            let mut known = cubes.into_iter().filter(|(n, _)| known(n));
+            known.next().filter(|_| known.next().is_none())
+        }
+    };
+    if list.is_empty() {
+        return Err(Error::input("no array of numbers at the file's top").help(
+            "save the cube as an array of its own, not within a struct or cell, and not as a \
+                 link to another file",
+        ));
+    }
+    let Some((name, shape)) = chosen else {
+        let all: Vec<String> = list.iter().map(|(n, shape)| format!("{n} {shape:?}")).collect();
+        let what = wanted.map_or("no single array of rows, columns and bands".into(), |n| {
+            format!("no numeric array {n:?}")
+        });
+        return Err(Error::input(what)
+            .help(format!("name one with array=NAME; the file has {}", all.join(", "))));
+    };
+    Ok((name, shape))
+}
+
+/// The list of wavelengths (nm) among the arrays of a `list` for one of a cube's axes, or for that
+/// of its bands where the user names the axes; and the list's name. `numbers` reads an array.
+pub(super) fn wavelengths(
+    list: &[(String, Vec<usize>)],
+    lengths: &[usize; 3],
+    sidecar: &Sidecar,
+    mut numbers: impl FnMut(&str) -> Result<Option<Vec<f64>>>,
+) -> Result<Option<(String, Vec<f64>)>> {
+    let of_bands = sidecar.axes.as_ref().and_then(|axes| lengths.get(axes.find('b')?));
+    let fits = |shape: &[usize]| {
+        let count = shape.iter().fold(1usize, |n, &length| n.saturating_mul(length));
+        let one_axis = shape.iter().filter(|&&n| n != 1).count() <= 1;
+        let fits = of_bands.map_or(lengths.contains(&count), |n| *n == count);
+        one_axis && count <= MOST_BANDS && fits
+    };
+    let mut named = Vec::new();
+    for (name, _) in list.iter().filter(|(_, shape)| fits(shape)) {
+        let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
+        let has = |parts: &[&str]| parts.iter().any(|part| word.contains(part));
+        if has(&WAVELENGTH_NAMES) && !has(&OTHER_NAMES) {
+            named.push((name, word));
+        }
+    }
+    // Those that say it before those that may mean it.
+    named.sort_by_key(|(_, word)| !word.starts_with("wave"));
+    let mut not_read = None;
+    for (name, word) in named {
+        let Some(list) = numbers(name)? else { continue };
+        if let Some(nm) = in_nm(&word, &list) {
+            return Ok(Some((name.clone(), nm)));
+        }
+        if word.contains("wavelength") {
+            not_read = not_read.or(Some(name));
+        }
+    }
+    match not_read.filter(|_| sidecar.given(0).is_none()) {
+        Some(name) => Err(Error::input(format!("{name:?} is no list of wavelengths in nm or µm"))
+            .help(
+                "they rise or fall, 200 to 3000 nm; else give wavelength_nm, or start_nm, step_nm",
+            )),
+        None => Ok(None),
+    }
+}
+
+/// Wavelengths in nm, where a list of that name holds some: in nm, or in µm unless the name says
+/// nm.
+pub(super) fn in_nm(name: &str, list: &[f64]) -> Option<Vec<f64>> {
+    let all = |step: fn(&[f64]) -> bool| list.windows(2).all(step);
+    if !all(|w| w[0] < w[1]) && !all(|w| w[0] > w[1]) {
+        return None;
+    }
+    if list.iter().all(|nm| NM.contains(nm)) {
+        return Some(list.to_vec());
+    }
+    let in_um = !name.contains("nm") && list.iter().all(|um| UM.contains(um));
+    in_um.then(|| list.iter().map(|um| um * 1000.0).collect())
 }
 
 impl<'a> Arrays<'a> {
@@ -144,74 +247,13 @@ impl<'a> Arrays<'a> {
         Ok(Self { path, kind: if mat { Kind::Matlab73 } else { Kind::Hdf5 }, list })
     }
 
-    /// The array that holds the cube.
-    fn choose(&self, wanted: Option<&str>) -> Result<(&str, &[usize])> {
-        let cubes = self.list.iter().filter(|(_, shape)| three_axes(shape).is_some());
-        let mut cubes: Vec<_> = cubes.filter(|(_, shape)| !shape.contains(&0)).collect();
-        if cubes.len() > 1 {
-            // Pictures of three colours beside the cube.
-            let named = |name: &str| {
-                let name = name.to_lowercase();
-                ["rgb", "preview", "thumb", "picture", "color"].iter().any(|w| name.contains(w))
-            };
-            cubes.retain(|(name, shape)| !(shape.contains(&3) && named(name)));
+    /// The numbers of an array.
+    fn numbers_of(&self, name: &str) -> Result<Option<Vec<f64>>> {
+        if self.kind == Kind::Matlab5 {
+            let found = matlab::read(self.path, &[name])?.pop();
+            return Ok(found.and_then(|(_, v)| v.array().map(matlab::Array::numbers)));
         }
-        let last = |name: &str| name.rsplit('/').next().unwrap_or(name).to_string();
-        let chosen = match wanted {
-            Some(wanted) => self.list.iter().find(|(n, _)| n == wanted || last(n) == wanted),
-            None if cubes.len() == 1 => Some(cubes[0]),
-            None => {
-                let known = |n: &str| LAYOUTS.iter().any(|(layout, ..)| *layout == n);
-                let mut known = cubes.into_iter().filter(|(n, _)| known(n));
-                known.next().filter(|_| known.next().is_none())
-            }
-        };
-        if self.list.is_empty() {
-            return Err(Error::input("no array of numbers at the file's top")
-                .help("save the cube as an array of its own, not within a struct or cell"));
-        }
-        let Some((name, shape)) = chosen else {
-            let all: Vec<String> =
-                self.list.iter().map(|(n, shape)| format!("{n} {shape:?}")).collect();
-            let what = wanted.map_or("no single array of rows, columns and bands".into(), |n| {
-                format!("no numeric array {n:?}")
-            });
-            return Err(Error::input(what)
-                .help(format!("name one with array=NAME; the file has {}", all.join(", "))));
-        };
-        Ok((name, shape))
-    }
-
-    /// The list of wavelengths (nm) for one of these axes, and its name.
-    fn wavelengths(&self, lengths: &[usize; 3]) -> Result<Option<(String, Vec<f64>)>> {
-        for (name, shape) in &self.list {
-            let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
-            let count = shape.iter().fold(1usize, |n, &length| n.saturating_mul(length));
-            let one_axis = shape.iter().filter(|&&n| n != 1).count() <= 1;
-            let named = WAVELENGTH_NAMES.iter().any(|part| word.contains(part));
-            if !named || !one_axis || count > MOST_BANDS || !lengths.contains(&count) {
-                continue;
-            }
-            let list = match self.kind {
-                Kind::Matlab5 => {
-                    let found = matlab::read(self.path, &[name])?.pop();
-                    found.and_then(|(_, v)| v.array().map(matlab::Array::numbers))
-                }
-                _ => Some(hdf5::numbers(self.path, name)?),
-            };
-            let Some(list) = list else { continue };
-            let rises = |w: &[f64]| w[1] > w[0];
-            if list.windows(2).any(|w| rises(w) != rises(&list[..2])) {
-                continue;
-            }
-            if list.iter().all(|nm| NM.contains(nm)) {
-                return Ok(Some((name.clone(), list)));
-            }
-            if list.iter().all(|um| UM.contains(um)) {
-                return Ok(Some((name.clone(), list.iter().map(|um| um * 1000.0).collect())));
-            }
-        }
-        Ok(None)
+        hdf5::numbers(self.path, name).map(Some)
     }
 
     /// The array as a cube; `axes` in the order of `shape`.

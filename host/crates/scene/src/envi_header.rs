@@ -74,7 +74,12 @@ impl Header {
                 value.push(' ');
                 value.push_str(next);
             }
-            keys.insert(key.trim().to_ascii_lowercase(), value);
+            let key = key.trim().to_ascii_lowercase();
+            if keys.insert(key.clone(), value.clone()).is_some_and(|before| before != value) {
+                return Err(Error::input(format!("the key {key:?} has another value before"))
+                    .at(format!("line {}", number + 1))
+                    .help("give each key once"));
+            }
         }
         Ok(Self(keys))
     }
@@ -107,7 +112,8 @@ impl Header {
         numbers.map(number).collect::<Result<Vec<f64>>>().map(Some)
     }
 
-    /// Keys that would place samples elsewhere than packed from the header's offset.
+    /// Keys that would place samples elsewhere than packed from the header's offset, or make
+    /// something else of them.
     pub fn refuse_other_layouts(&self) -> Result<()> {
         for key in ["file compression", "major frame offsets", "minor frame offsets"] {
             let zero = |text: &str| !text.contains(|c: char| c.is_ascii_digit() && c != '0');
@@ -115,6 +121,12 @@ impl Header {
                 return Err(Error::unsupported(format!("{key} = {text}"))
                     .help("save the cube again, uncompressed and without gaps"));
             }
+        }
+        // What else has such headers: transforms, lists of classes, lists of other files.
+        let kind = self.text("file type").unwrap_or("").to_ascii_lowercase();
+        if ["fft", "classification", "meta", "mosaic"].iter().any(|other| kind.contains(other)) {
+            return Err(Error::unsupported(format!("file type = {kind}"))
+                .help("a scene is an ENVI Standard file"));
         }
         Ok(())
     }

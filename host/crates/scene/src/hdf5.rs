@@ -5,13 +5,109 @@ use super::cube::BandSource;
 use super::matlab::{Array, Value};
 use super::strided::{self, Bytes, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
-use hdf5_pure::{ChunkIndex, DType, Dataset, File, Group, Layout};
+use hdf5_pure::{ChunkIndex, DType, Dataset, Datatype, DatatypeByteOrder, File, FormatError};
+use hdf5_pure::{Group, Layout, ReadSeekSource, Source};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 fn refused(error: hdf5_pure::Error) -> Error {
-    Error::input(format!("not a readable HDF5 file: {error}"))
-        .help("a .mat file is read in versions 5 (save -v6, -v7) and 7.3, which is HDF5")
+    use FormatError as Of;
+    let said = format!("not a readable HDF5 file: {error}");
+    match error {
+        hdf5_pure::Error::Format(
+            Of::InvalidLayoutVersion(_)
+            | Of::InvalidChunkIndexType(_)
+            | Of::ChunkedReadError(_)
+            | Of::UnsupportedFilter(_)
+            | Of::UnsupportedZfp(_)
+            | Of::UnsupportedVirtualLayout
+            | Of::UnsupportedExternalStorage,
+        ) => Error::unsupported(said).help(
+            "rewrite it with h5repack -f NONE -l CONTI, or with h5py's libver='earliest' and gzip",
+        ),
+        hdf5_pure::Error::Format(Of::SignatureNotFound) => Error::input(said).help(
+            "a .mat file is read in versions 5 and 7.3, which is HDF5; one of version 4: save -v7",
+        ),
+        _ => Error::input(said).help(
+            "the file is damaged, or newer than what is read: write it again with h5repack or \
+             h5py's libver='earliest'; a .mat file: save -v7",
+        ),
+    }
+}
+
+/// A file without its links by path in groups of the old kind. The library takes them for damage;
+/// in groups of the new kind it passes over them, too. An array that such a link leads to has a
+/// name of its own, except in another file.
+struct WithoutLinks(ReadSeekSource<std::fs::File>);
+
+impl Source for WithoutLinks {
+    fn len(&self) -> u64 {
+        self.0.len()
+    }
+
+    fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), FormatError> {
+        self.0.read_at(offset, buffer)
+    }
+
+    fn read_metadata_at(&self, offset: u64, length: usize) -> Result<Vec<u8>, FormatError> {
+        let mut bytes = self.0.read_metadata_at(offset, length)?;
+        leave_out_links(&mut bytes);
+        Ok(bytes)
+    }
+}
+
+/// Takes the links by path out of a node of symbols (HDF5 file format specification 3.0, III.B
+/// and III.C); other bytes stay as they are.
+fn leave_out_links(node: &mut [u8]) {
+    const HEAD: usize = 8;
+    /// Bytes of an entry from the type of its cache on, which is 2 for a link by path.
+    const TAIL: usize = 24;
+    let [b'S', b'N', b'O', b'D', 1, _, low, high, entries @ ..] = node else { return };
+    let count = usize::from(u16::from_le_bytes([*low, *high]));
+    let size = entries.len().checked_div(count).unwrap_or(0);
+    if size <= TAIL || size * count != entries.len() {
+        return;
+    }
+    let is_link = |entry: &[u8]| entry[size - TAIL..][..4] == [2, 0, 0, 0];
+    let kept: Vec<u8> = entries.chunks(size).filter(|e| !is_link(e)).flatten().copied().collect();
+    let left = ((kept.len() / size) as u16).to_le_bytes();
+    node[HEAD..HEAD + kept.len()].copy_from_slice(&kept);
+    node[HEAD - 2..HEAD].copy_from_slice(&left);
+}
+
+fn opened(path: &Path) -> Result<File> {
+    let file = std::fs::File::open(path).map_err(|e| Error::io("open", path, e))?;
+    let source = ReadSeekSource::new(file).map_err(|e| refused(e.into()))?;
+    File::from_source(WithoutLinks(source)).map_err(refused)
+}
+
+/// Whether samples are of half precision, which the library does not convert, and their byte
+/// order: whether the big end comes first.
+fn half(dataset: &Dataset) -> Result<Option<bool>> {
+    match dataset.datatype().map_err(refused)? {
+        Datatype::FloatingPoint { size: 4 | 8, .. } => Ok(None),
+        Datatype::FloatingPoint { size: 2, byte_order, layout }
+            if (layout.exponent_location, layout.exponent_size) == (10, 5)
+                && byte_order != DatatypeByteOrder::Vax =>
+        {
+            Ok(Some(byte_order == DatatypeByteOrder::BigEndian))
+        }
+        Datatype::FloatingPoint { size, .. } => Err(Error::unsupported(format!(
+            "floating-point samples of another kind, {size} bytes"
+        ))
+        .help("save them as float16, float32 or float64 of IEEE 754")),
+        _ => Ok(None),
+    }
+}
+
+/// Some rows of an array as numbers.
+fn doubles(dataset: &Dataset, first: u64, count: u64) -> Result<Vec<f64>> {
+    let Some(big_endian) = half(dataset)? else {
+        return dataset.read_f64_rows(first, count).map_err(refused);
+    };
+    let raw = dataset.read_raw_rows(first, count).map_err(refused)?;
+    let number = |raw: &[u8]| Sample::F16.read(raw, big_endian);
+    Ok(raw.chunks_exact(2).map(number).collect())
 }
 
 /// Groups within groups that are read; ISETCam's scenes have three levels.
@@ -26,8 +122,10 @@ const ALWAYS_READ: u64 = 64 << 20;
 /// memory, and time, for what they state before it reads.
 fn checked(file_bytes: u64, name: &str, dataset: Dataset) -> Result<Dataset> {
     let impossible = |what: String| {
-        Error::input(format!("array {name:?} states {what} in a file of {file_bytes} bytes"))
-            .help("the file is damaged or cut off; an array of equal samples: store it unpacked")
+        Error::input(format!("array {name:?} states {what} in a file of {file_bytes} bytes")).help(
+            "the file is damaged or cut off, or mostly unwritten or of equal samples: write it \
+                 out, with h5repack -f NONE -l CONTI",
+        )
     };
     let sample = dataset.element_size().map_err(refused)?;
     let size_of = |lengths: &[u64]| lengths.iter().fold(sample, |size, n| size.saturating_mul(*n));
@@ -47,7 +145,7 @@ fn checked(file_bytes: u64, name: &str, dataset: Dataset) -> Result<Dataset> {
                 _ => dataset.chunks().map_err(refused)?,
             };
             let (count, bytes) = (chunks.len() as u64, size_of(&chunk_shape));
-            if bytes.saturating_mul(count.max(1)) > most {
+            if bytes.saturating_mul(count) > most {
                 return Err(impossible(format!("{count} chunks of {bytes} bytes")));
             }
             for chunk in &chunks {
@@ -69,13 +167,13 @@ fn dataset_of(file: &File, name: &str) -> Result<Dataset> {
 
 /// Reads the named variables except three-dimensional arrays (see [`large`]).
 pub fn read(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Value)>> {
-    let file = File::open_streaming(path).map_err(refused)?;
+    let file = opened(path)?;
     struct_of(&file.root(), 0, Some(wanted), file.file_size())
 }
 
 /// The three-dimensional arrays among the named variables, which are read plane by plane.
 pub fn large(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Box<dyn BandSource>)>> {
-    let file = File::open_streaming(path).map_err(refused)?;
+    let file = opened(path)?;
     let names = file.root().datasets().map_err(refused)?;
     let mut found: Vec<(String, Box<dyn BandSource>)> = Vec::new();
     for name in names.into_iter().filter(|n| wanted.contains(&n.as_str())) {
@@ -117,7 +215,7 @@ struct Chunk {
 impl Planes {
     /// Reads the bands that share chunks with one, as far as memory allows.
     fn chunk_of(&self, band: usize) -> Result<Chunk> {
-        let file = File::open_streaming(&self.path).map_err(refused)?;
+        let file = opened(&self.path)?;
         let dataset = dataset_of(&file, &self.name)?;
         let shape = dataset.chunk_shape().map_err(refused)?;
         let depth = shape.and_then(|s| s.first().copied()).unwrap_or(1);
@@ -125,7 +223,7 @@ impl Planes {
         let depth = usize::try_from(depth).unwrap_or(1).clamp(1, most.max(1));
         let first = band / depth * depth;
         let count = depth.min(self.bands - first);
-        let samples = dataset.read_f64_rows(first as u64, count as u64).map_err(refused)?;
+        let samples = doubles(&dataset, first as u64, count as u64)?;
         Ok(Chunk { first, samples })
     }
 }
@@ -162,7 +260,7 @@ impl BandSource for Planes {
 
 /// Names, groups before them, and shapes, slowest axis first, of the numeric arrays of a file.
 pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
-    let file = File::open_streaming(path).map_err(refused)?;
+    let file = opened(path)?;
     let mut arrays = Vec::new();
     list_group(&file.root(), "", 0, &mut arrays)?;
     Ok(arrays)
@@ -171,7 +269,7 @@ pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
 /// Names of an array's attributes, in order; some files keep a factor, an offset or the value of
 /// missing samples there.
 pub fn attributes(path: &Path, name: &str) -> Result<Vec<String>> {
-    let file = File::open_streaming(path).map_err(refused)?;
+    let file = opened(path)?;
     let all = file.dataset(name).and_then(|dataset| dataset.attrs()).map_err(refused)?;
     let mut names: Vec<String> = all.into_keys().collect();
     names.sort();
@@ -186,16 +284,16 @@ fn list_group(
 ) -> Result<()> {
     for name in group.datasets().map_err(refused)? {
         let dataset = group.dataset(&name).map_err(refused)?;
-        let numeric = !matches!(
-            dataset.dtype().map_err(refused)?,
+        let numeric = match dataset.dtype().map_err(refused)? {
             DType::String
-                | DType::Compound(_)
-                | DType::Enum(_)
-                | DType::Array(..)
-                | DType::VariableLengthString
-                | DType::ObjectReference
-                | DType::Other(_)
-        );
+            | DType::Compound(_)
+            | DType::Enum(_)
+            | DType::Array(..)
+            | DType::VariableLengthString
+            | DType::ObjectReference => false,
+            DType::Other(kind) => matches!(*kind, Datatype::FloatingPoint { .. }),
+            _ => true,
+        };
         if numeric {
             let shape = dataset.shape().map_err(refused)?;
             let shape = shape.into_iter().map(|n| n as usize).collect();
@@ -215,8 +313,8 @@ fn list_group(
 
 /// The numbers of a small array.
 pub fn numbers(path: &Path, name: &str) -> Result<Vec<f64>> {
-    let file = File::open_streaming(path).map_err(refused)?;
-    dataset_of(&file, name)?.read_f64().map_err(refused)
+    let file = opened(path)?;
+    doubles(&dataset_of(&file, name)?, 0, u64::MAX)
 }
 
 /// The number of samples of an array, where it can be counted.
@@ -230,7 +328,7 @@ const MOST_HELD: usize = 1 << 27;
 
 /// An array as a cube; `axes` names its axes, slowest first.
 pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn BandSource>> {
-    let file = File::open_streaming(path).map_err(refused)?;
+    let file = opened(path)?;
     let dataset = dataset_of(&file, name)?;
     let shape: Vec<usize> =
         dataset.shape().map_err(refused)?.into_iter().map(|n| n as usize).collect();
@@ -257,9 +355,14 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
             "more than {MOST_HELD} samples are read only where the bands come first; store it so"
         )));
     }
-    let values = dataset.read_f32().map_err(refused)?;
-    let bytes = values.into_iter().flat_map(f32::to_le_bytes).collect();
-    let cube = Strided::new(Bytes::Memory(bytes), 0, Sample::F32, false, layout, scale)?;
+    let (bytes, sample, big_endian) = match half(&dataset)? {
+        Some(big_endian) => (dataset.read_raw().map_err(refused)?, Sample::F16, big_endian),
+        None => {
+            let values = dataset.read_f32().map_err(refused)?;
+            (values.into_iter().flat_map(f32::to_le_bytes).collect(), Sample::F32, false)
+        }
+    };
+    let cube = Strided::new(Bytes::Memory(bytes), 0, sample, big_endian, layout, scale)?;
     Ok(Box::new(cube))
 }
 
@@ -348,6 +451,25 @@ mod tests {
         assert!(said(10_000).contains("states 72000000 bytes in a file of 10000"));
         assert!(said(file.file_size() / 2).contains("states a chunk of"));
         assert_eq!(said(file.file_size()), "");
+    }
+
+    /// Entries as the specification has them: name and header in eight bytes each, the type of
+    /// the cache, four bytes of nothing and 16 of cache.
+    #[test]
+    fn links_by_path_leave_a_node_of_symbols() {
+        let entry = |name: u64, header: u64, cache: u32| {
+            let head = [name.to_le_bytes(), header.to_le_bytes()].concat();
+            [&head[..], &cache.to_le_bytes(), &[0; 20]].concat()
+        };
+        let (array, link) = (entry(8, 800, 0), entry(16, u64::MAX, 2));
+        let head = |count: u8| [b'S', b'N', b'O', b'D', 1, 0, count, 0];
+        let mut node = [&head(3)[..], &link, &array, &link].concat();
+        leave_out_links(&mut node);
+        assert_eq!(node[..48], [&head(1)[..], &array].concat());
+        let samples = [&head(3)[..], &link, &array].concat();
+        let mut kept = samples.clone();
+        leave_out_links(&mut kept);
+        assert_eq!(kept, samples);
     }
 
     #[test]

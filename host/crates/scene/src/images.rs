@@ -3,7 +3,9 @@
 //! wavelength in nm, or the band.
 
 use super::cube::{BandSource, Cube};
+use super::rgb::picture::turned;
 use super::sidecar::{Own, Sidecar};
+use super::tiff_tags::{Gdal, check_pages};
 use camrig_base::{Error, Plane, Result};
 use std::fs::File;
 use std::io::BufReader;
@@ -24,15 +26,17 @@ const COLOUR: &str =
 
 /// Opens a TIFF: a page per band, or one page with a sample per band in each pixel.
 pub(super) fn open_stack(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
-    let (size, samples, pages) = stack(path)?;
+    let Pages { size, samples, pages, orientation, gdal } = stack(path)?;
     let (bands, of) = if samples > 1 { (samples, "samples") } else { (pages, "pages") };
     if bands < 2 {
         return Err(Error::input("a single grey picture").help("a scene has a page for each band"));
     }
     let understood = vec![format!("TIFF of {bands} {of}, one per band")];
     let scale = sidecar.scale.unwrap_or(1.0);
-    let source = Stack { path: path.into(), size, bands, samples, scale };
-    sidecar.cube(Box::new(source), Own { understood, ..Own::default() })
+    let mut own = Own { understood, ..Own::default() };
+    gdal.tell(sidecar, &mut own)?;
+    let source = Stack { path: path.into(), size, bands, samples, orientation, scale };
+    sidecar.cube(Box::new(source), own)
 }
 
 /// Opens a folder of pictures, or the only such folder in it; `None` where there are no pictures.
@@ -186,10 +190,18 @@ fn picture_size(path: &Path) -> Result<(usize, usize)> {
         let info = reader.info();
         return Ok((info.width as usize, info.height as usize));
     }
-    match stack(path)? {
-        (size, 1, 1) => Ok(size),
-        _ => Err(Error::input("more than one page or sample in a pixel").help(COLOUR)),
+    let Pages { size, samples, pages, orientation, gdal } = stack(path)?;
+    if (samples, pages) != (1, 1) {
+        return Err(Error::input("more than one page or sample in a pixel").help(COLOUR));
     }
+    if orientation != 1 || gdal.changes_samples() {
+        return Err(Error::unsupported(
+            "a band whose tags turn it (Orientation), scale it (GDAL_METADATA) or say which \
+             samples are missing (GDAL_NODATA)",
+        )
+        .help("save it upright, with its values as samples; or all bands as one TIFF"));
+    }
+    Ok(size)
 }
 
 fn png_reader(path: &Path) -> Result<png::Reader<BufReader<File>>> {
@@ -251,46 +263,69 @@ pub(super) fn unreadable(path: &Path, error: tiff::TiffError) -> Error {
     Error::input(format!("not a readable TIFF: {error}")).at(path.display())
 }
 
-/// Size in pixels, samples per pixel and pages of a TIFF, all pages being alike.
-fn stack(path: &Path) -> Result<((usize, usize), usize, usize)> {
+/// The pages of a TIFF, all being alike.
+struct Pages {
+    /// Size in pixels, as stored.
+    size: (usize, usize),
+    samples: usize,
+    pages: usize,
+    /// How they are turned, 1 to 8 (TIFF 6.0, `Orientation`).
+    orientation: u8,
+    gdal: Gdal,
+}
+
+fn stack(path: &Path) -> Result<Pages> {
     let failed = |e| unreadable(path, e);
     let mut decoder = decoder(path, 0)?;
-    let (mut first, mut pages) = (None, 0);
+    let (mut first, mut pages, mut gdal) = (None, 0, Gdal::default());
     loop {
-        let (width, height) = decoder.dimensions().map_err(failed)?;
-        let samples = match decoder.colortype().map_err(failed)? {
-            tiff::ColorType::Gray(_) => 1,
-            tiff::ColorType::Multiband { num_samples, .. } => usize::from(num_samples),
-            other => return Err(Error::input(format!("a picture of {other:?}")).help(COLOUR)),
-        };
-        let tag =
-            |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(failed);
-        if tag(&mut decoder, Tag::PhotometricInterpretation)? == Some(0) {
-            return Err(Error::unsupported("a TIFF in which 0 is white")
-                .help("save it with 0 as black (PhotometricInterpretation 1)"));
-        }
-        if samples > 1 && tag(&mut decoder, Tag::PlanarConfiguration)?.is_some_and(|p| p != 1) {
-            return Err(Error::unsupported("a TIFF with a plane per sample")
-                .help("save it with a page per band"));
-        }
-        let page = (width as usize, height as usize, samples);
+        let page = page_of(&mut decoder, path)?;
+        let (width, height, samples, orientation) = page;
+        gdal.page(&mut decoder, path, samples)?;
         pages += 1;
         if *first.get_or_insert(page) != page || (samples > 1 && pages > 1) {
             return Err(Error::input(format!("page {pages} is {page:?}, the first {first:?}"))
-                .help("all pages of a scene have the same size and one sample in a pixel"));
+                .help("all pages are alike: columns, rows, one sample in a pixel, Orientation"));
         }
         if !decoder.more_images() {
-            let total = page.0.checked_mul(page.1).and_then(|n| n.checked_mul(page.2));
+            let total = width.checked_mul(height).and_then(|n| n.checked_mul(samples));
             if total.is_none_or(|n| n > MOST_PIXELS) {
                 return Err(Error::limit("pages of too many pixels"));
             }
-            return Ok(((page.0, page.1), samples, pages));
+            decoder.seek_to_image(0).map_err(failed)?;
+            check_pages(&mut decoder, samples * width * height, pages)?;
+            return Ok(Pages { size: (width, height), samples, pages, orientation, gdal });
         }
         if pages == MOST_PAGES {
             return Err(Error::limit(format!("more than {MOST_PAGES} pages")));
         }
         decoder.next_image().map_err(failed)?;
     }
+}
+
+/// Width, height, samples in a pixel and orientation of a page.
+fn page_of(
+    decoder: &mut Decoder<BufReader<File>>,
+    path: &Path,
+) -> Result<(usize, usize, usize, u8)> {
+    let failed = |e| unreadable(path, e);
+    let (width, height) = decoder.dimensions().map_err(failed)?;
+    let samples = match decoder.colortype().map_err(failed)? {
+        tiff::ColorType::Gray(_) => 1,
+        tiff::ColorType::Multiband { num_samples, .. } => usize::from(num_samples),
+        other => return Err(Error::input(format!("a picture of {other:?}")).help(COLOUR)),
+    };
+    let mut tag = |tag| decoder.find_tag_unsigned::<u16>(tag).map_err(failed);
+    if tag(Tag::PhotometricInterpretation)? == Some(0) {
+        return Err(Error::unsupported("a TIFF in which 0 is white")
+            .help("save it with 0 as black (PhotometricInterpretation 1)"));
+    }
+    if samples > 1 && tag(Tag::PlanarConfiguration)?.is_some_and(|p| p != 1) {
+        return Err(Error::unsupported("a TIFF with a plane per sample")
+            .help("save it with a page per band"));
+    }
+    let orientation = tag(Tag::Orientation)?.filter(|n| (1..=8).contains(n)).unwrap_or(1) as u8;
+    Ok((width as usize, height as usize, samples, orientation))
 }
 
 /// The samples of a page of a TIFF, as stored.
@@ -324,12 +359,14 @@ struct Stack {
     size: (usize, usize),
     bands: usize,
     samples: usize,
+    orientation: u8,
     scale: f32,
 }
 
 impl BandSource for Stack {
     fn size(&self) -> (usize, usize) {
-        self.size
+        let (width, height) = self.size;
+        if self.orientation > 4 { (height, width) } else { (width, height) }
     }
 
     fn bands(&self) -> usize {
@@ -341,7 +378,9 @@ impl BandSource for Stack {
         let (page, first) = if self.samples > 1 { (0, band) } else { (band, 0) };
         let data = read_page(&self.path, page, width * height * self.samples)?;
         let data = data.into_iter().skip(first).step_by(self.samples);
-        Ok(Plane { width, height, data: data.map(|v| v * self.scale).collect() })
+        let data = data.map(|v| v * self.scale).collect();
+        let ((width, height), data) = turned(self.orientation, self.size, data);
+        Ok(Plane { width, height, data })
     }
 }
 
@@ -438,6 +477,45 @@ mod tests {
         assert!(message.contains("wavelengths of the 4 bands"), "{message}");
         let cube = open_file(&format!("{spec}:scale=0.01,start_nm=400,step_nm=100")).unwrap();
         assert!((cube.band(10).unwrap().data[4] - 0.41).abs() < 1e-6);
+    }
+
+    /// Two rows of three pixels, a page per band, turned by a quarter; band 2 misses a sample.
+    #[test]
+    fn tags_of_pages_are_followed() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("stack.tif");
+        let write = |pages: u16, described: &str| {
+            let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+            for band in 0..pages {
+                let mut image = encoder.new_image::<colortype::Gray16>(3, 2).unwrap();
+                let items = ["scale\">0.01", "offset\">0.1", &format!("wavelength\">{band}00 nm")]
+                    .map(|item| format!("<Item sample=\"0\" name=\"{item}</Item>"));
+                let items = items.concat().replace(">000 nm", ">400 nm").replace(">100", ">500");
+                let tags = image.encoder();
+                tags.write_tag(Tag::Orientation, 6u16).unwrap();
+                tags.write_tag(Tag::GdalNodata, "9").unwrap();
+                tags.write_tag(Tag::Unknown(42112), items.as_str()).unwrap();
+                tags.write_tag(Tag::ImageDescription, described).unwrap();
+                image.write_data(&[0, 1, 2, 3, 4, 5 + 4 * band]).unwrap();
+            }
+            open_file(path.to_str().unwrap())
+        };
+        let cube = write(2, "").unwrap();
+        assert_eq!(cube.size(), (2, 3));
+        for (band, last) in [(0, 0.15), (10, 0.0)] {
+            let got = cube.band(band).unwrap().data;
+            for (got, right) in got.iter().zip([0.13, 0.10, 0.14, 0.11, last, 0.12]) {
+                assert!((got - right).abs() < 1e-6, "{band}: {got}, {right}");
+            }
+        }
+        assert!(cube.understood().join("\n").contains("400 to 500 nm"));
+        for described in ["ImageJ=1.53\nimages=3\n", "{\"shape\": [3, 2, 3]}"] {
+            for pages in [1, 2] {
+                let error = write(pages, described).err().unwrap().to_string();
+                assert!(error.contains("3 pictures, says its description"), "{error}");
+            }
+        }
+        assert!(write(2, "ImageJ=1.53\nimages=2\n").is_ok());
     }
 
     /// Cutting and corrupting a file gives an error or other values, never a panic.

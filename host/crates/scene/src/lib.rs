@@ -64,6 +64,7 @@ pub mod shape;
 mod sidecar;
 pub mod stored;
 pub mod strided;
+mod tiff_tags;
 
 pub use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, Plane, Result};

@@ -1,8 +1,8 @@
 //! MATLAB files of version 5 (`save -v6`, `-v7`, and `scipy.io.savemat`): arrays, text and
 //! structs.
 //!
-//! Format: MathWorks, "MAT-File Format", level 5. Sparse arrays, objects and imaginary parts,
-//! which scenes do not have, are skipped. Lengths in the file are never trusted: every read is
+//! Format: MathWorks, "MAT-File Format", level 5. Sparse arrays and objects, which scenes do not
+//! have, are skipped; arrays with imaginary parts are refused, and skipped in structs. Lengths in the file are never trusted: every read is
 //! bounded by the bytes present, nesting by [`MAX_DEPTH`].
 
 use super::strided::Sample;
@@ -113,7 +113,7 @@ pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
             if matrix.is_empty() {
                 return Ok(());
             }
-            let Head { class, shape, name } = Cursor(matrix).head()?;
+            let Head { class, shape, name, .. } = Cursor(matrix).head()?;
             if NUMERIC.contains(&class) {
                 arrays.push((name, shape));
             }
@@ -235,17 +235,19 @@ impl<'a> Cursor<'a> {
         if flags.len() < 4 {
             return Err(Error::input("an array without flags").help("the MATLAB file is damaged"));
         }
-        let class = flags[0];
+        let (class, complex) = (flags[0], flags[1] & 8 != 0);
         let (kind, shape) = self.element()?;
         let shape = numbers(kind, shape)?.into_iter().map(|n| n as usize).collect();
         let name = text(self.element()?.1);
-        Ok(Head { class, shape, name })
+        Ok(Head { class, complex, shape, name })
     }
 }
 
 /// What a matrix element begins with.
 struct Head {
     class: u8,
+    /// Whether imaginary parts follow the real ones.
+    complex: bool,
     shape: Vec<usize>,
     name: String,
 }
@@ -259,7 +261,7 @@ fn parse_matrix(bytes: &[u8], wanted: &[&str], depth: usize) -> Result<(String, 
         return Ok((String::new(), Value::Other));
     }
     let mut cursor = Cursor(bytes);
-    let Head { class, shape, name } = cursor.head()?;
+    let Head { class, complex, shape, name } = cursor.head()?;
     if depth == 0 && !wanted.contains(&name.as_str()) {
         return Ok((name, Value::Other));
     }
@@ -270,7 +272,11 @@ fn parse_matrix(bytes: &[u8], wanted: &[&str], depth: usize) -> Result<(String, 
             let codes = numbers(kind, data)?.into_iter();
             Value::Text(codes.filter_map(|c| char::from_u32(c as u32)).collect())
         }
-        class if NUMERIC.contains(&class) => {
+        class if NUMERIC.contains(&class) && complex && depth == 0 => {
+            return Err(Error::unsupported(format!("array {name:?} with imaginary parts"))
+                .help("save its real part, real(x), or its magnitude, abs(x)"));
+        }
+        class if NUMERIC.contains(&class) && !complex => {
             let (kind, data) = cursor.element()?;
             let sample = sample_of(kind)?;
             let count = shape.iter().try_fold(1usize, |product, &n| product.checked_mul(n));
@@ -363,6 +369,15 @@ mod tests {
         let expected: Vec<_> = example().into_iter().map(|(n, v)| (n.to_string(), v)).collect();
         assert_eq!(got, expected);
         assert_eq!(read(&path, &["comment"]).unwrap().len(), 1);
+    }
+
+    #[test]
+    fn imaginary_parts_are_refused() {
+        let mut bytes = matrix("x", &Value::Array(Array::doubles(vec![1, 1], [0.5])));
+        // Behind the tags of matrix and flags, and the class.
+        bytes[17] |= 8;
+        let error = parse_matrix(&bytes[8..], &["x"], 0).unwrap_err().to_string();
+        assert!(error.contains("\"x\" with imaginary parts"), "{error}");
     }
 
     /// Cutting and corrupting a file anywhere gives an error or other values, never a panic.

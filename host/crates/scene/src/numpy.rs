@@ -1,13 +1,12 @@
 //! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with named arrays.
 //!
-//! In an `.npz` the cube is the three-dimensional array with most bands, its quantity is in its
-//! name if that is `reflectance` or `radiance`, and its wavelengths are the one-dimensional array
-//! with `wavelength` in its name and as many values as there are bands.
+//! In an `.npz` the cube and its wavelengths are found as in other files of named arrays
+//! ([`arrays`]), and the quantity is in the cube's name if that is `reflectance` or `radiance`.
 
-use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
+use super::{Quantity, arrays};
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::npy;
 use std::fs::File;
@@ -65,13 +64,11 @@ fn cube(
     array: Array,
     bytes: Bytes,
     name: &str,
-    (nm, notes): (Option<Vec<f64>>, Vec<String>),
+    axes: &str,
+    mut own: Own,
 ) -> Result<Cube> {
-    let Ok(mut lengths) = <[usize; 3]>::try_from(array.shape.as_slice()) else {
-        return Err(Error::input(format!("an array of shape {:?}", array.shape))
-            .help("a spectral cube has three axes: rows, columns, bands"));
-    };
-    let mut axes = sidecar.axes.clone().unwrap_or_else(|| "yxb".into());
+    let mut lengths = array.lengths()?;
+    let mut axes = sidecar.axes.as_deref().unwrap_or(axes).to_string();
     if array.fortran {
         lengths.reverse();
         axes = axes.chars().rev().collect();
@@ -81,11 +78,11 @@ fn cube(
     let (sample, big_endian) = array.sample;
     let cube = Strided::new(bytes, array.offset, sample, big_endian, layout, scale)?;
     let quantity = [Quantity::Reflectance, Quantity::Radiance];
-    let quantity = quantity.into_iter().find(|quantity| name.contains(quantity.name()));
+    own.quantity = quantity.into_iter().find(|quantity| name.contains(quantity.name()));
     let array = if name.is_empty() { String::new() } else { format!(" {name:?}") };
-    let understood =
-        vec![format!("NumPy array{array}, {axes} from slowest to fastest, {sample:?}")];
-    sidecar.cube(Box::new(cube), Own { nm, quantity, understood, notes, ..Own::default() })
+    let understood = format!("NumPy array{array}, {axes} from slowest to fastest, {sample:?}");
+    own.understood.insert(0, understood);
+    sidecar.cube(Box::new(cube), own)
 }
 
 /// The header of an array.
@@ -109,6 +106,13 @@ impl Array {
         let kind = header.dtype().descr();
         let fortran = header.order() == npyz::Order::Fortran;
         Ok(Self { shape, fortran, sample: sample_of(&kind)?, offset })
+    }
+
+    fn lengths(&self) -> Result<[usize; 3]> {
+        <[usize; 3]>::try_from(self.shape.as_slice()).map_err(|_| {
+            Error::input(format!("an array of shape {:?}", self.shape))
+                .help("a spectral cube has three axes: rows, columns, bands")
+        })
     }
 }
 
@@ -139,13 +143,15 @@ fn open_npy(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let array = Array::read(std::io::BufReader::new(file))?;
     sidecar.without(&["array"], "an .npy file, which holds one array")?;
-    cube(sidecar, array, Bytes::File(path.into()), "", (None, Vec::new()))
+    cube(sidecar, array, Bytes::File(path.into()), "", "yxb", Own::default())
 }
 
-fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
-    let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
-    let malformed = |e: zip::result::ZipError| Error::input(format!("not an .npz archive: {e}"));
-    let mut archive = zip::ZipArchive::new(file).map_err(malformed)?;
+fn malformed(error: zip::result::ZipError) -> Error {
+    Error::input(format!("not an .npz archive: {error}"))
+}
+
+/// The arrays of an archive: places in it, names and headers.
+fn members(archive: &mut zip::ZipArchive<File>) -> Result<Vec<(usize, String, Array)>> {
     let mut members = Vec::new();
     for index in 0..archive.len() {
         let mut member = archive.by_index(index).map_err(malformed)?;
@@ -160,6 +166,13 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
             members.push((index, name, array));
         }
     }
+    Ok(members)
+}
+
+fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
+    let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
+    let mut archive = zip::ZipArchive::new(file).map_err(malformed)?;
+    let members = members(&mut archive)?;
     let mut load = |index: usize| -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         archive
@@ -168,45 +181,42 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
             .map_err(|e| malformed(e).help("the archive is damaged or cut off"))?;
         Ok(bytes)
     };
-    let cubes = || members.iter().filter(|(_, _, array)| array.shape.len() == 3);
-    let chosen = match &sidecar.array {
-        Some(wanted) => members.iter().find(|(_, name, _)| name == wanted),
-        None => cubes().max_by_key(|(_, _, array)| array.shape[2]),
+    let list: Vec<(String, Vec<usize>)> =
+        members.iter().map(|(_, name, array)| (name.clone(), array.shape.clone())).collect();
+    let (of, _) = arrays::choose(&list, sidecar.array.as_deref())?;
+    let member = |name: &str| members.iter().find(|(_, n, _)| n == name);
+    let Some((index, _, array)) = member(of) else {
+        return Err(Error::input(format!("no array {of:?} in the archive")));
     };
-    let Some((index, of, array)) = chosen else {
-        let names: Vec<&str> = members.iter().map(|(_, name, _)| name.as_str()).collect();
-        return Err(Error::input("no spectral cube in the archive").help(format!(
-            "name the array with array=NAME; the archive has {}",
-            names.join(", ")
-        )));
-    };
-    let mut wavelengths: Option<Vec<f64>> = None;
-    let mut left = Vec::new();
-    for (index, name, candidate) in &members {
-        let fits = candidate.shape == [array.shape.last().copied().unwrap_or(0)];
-        if name.contains("wavelength") && fits && wavelengths.is_none() {
-            let (sample, big_endian) = candidate.sample;
-            let layout = Layout::packed("yxb", [1, 1, candidate.shape[0]])?;
-            let bytes = Bytes::Memory(load(*index)?);
-            let list = Strided::new(bytes, candidate.offset, sample, big_endian, layout, 1.0)?;
-            let values = (0..list.bands()).map(|b| Ok(f64::from(list.read(b)?.data[0])));
-            wavelengths = Some(values.collect::<Result<_>>()?);
-        } else if name != of {
-            left.push(name.as_str());
-        }
-    }
-    let mut notes = Vec::new();
+    let lengths = array.lengths()?;
+    let wavelengths = arrays::wavelengths(&list, &lengths, sidecar, |name| {
+        let Some((index, _, Array { sample: (sample, big_endian), offset, .. })) = member(name)
+        else {
+            return Ok(None);
+        };
+        let bytes = load(*index)?;
+        let samples = bytes.get(*offset as usize..).unwrap_or(&[]).chunks_exact(sample.bytes());
+        Ok(Some(samples.map(|raw| sample.read(raw, *big_endian)).collect()))
+    })?;
+    let mut own = Own::default();
+    let used = wavelengths.as_ref().map(|(name, _)| name.as_str());
+    own.understood.extend(used.map(|name| format!("wavelengths from {name:?}")));
+    let left = list.iter().map(|(name, _)| name.as_str());
+    let left: Vec<&str> = left.filter(|name| *name != of && Some(*name) != used).collect();
     if !left.is_empty() {
-        notes.push(format!("arrays that were not used: {}", left.join(", ")));
+        own.notes.push(format!("arrays that were not used: {}", left.join(", ")));
     }
+    own.nm = wavelengths.map(|(_, nm)| nm);
+    let axes = own.nm.as_ref().map_or("yxb", |nm| arrays::axes_of(&lengths, nm.len()));
     let bytes = Bytes::Memory(load(*index)?);
     let array = Array { shape: array.shape.clone(), ..*array };
-    cube(sidecar, array, bytes, of, (wavelengths, notes))
+    cube(sidecar, array, bytes, of, axes, own)
 }
 
 #[cfg(test)]
 mod tests {
     use crate::{Grid, open as open_scene};
+    use std::io::Write;
 
     fn npy(kind: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
         let text =
@@ -275,6 +285,30 @@ mod tests {
         assert!(error.contains("not an .npz archive"), "{error}");
     }
 
+    #[test]
+    fn the_cube_of_an_archive_is_named_where_there_are_several() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cube.npz");
+        let mut archive = zip::ZipWriter::new(std::fs::File::create(&path).unwrap());
+        let mut put = |name: &str, shape: &str, data: &[f32]| {
+            archive.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
+            let data: Vec<u8> = data.iter().flat_map(|v| v.to_le_bytes()).collect();
+            archive.write_all(&npy("<f4", "False", shape, &data)).unwrap();
+        };
+        put("a.npy", "(2, 1, 2)", &[0.1, 0.2, 0.3, 0.4]);
+        put("b.npy", "(1, 2, 2)", &[1.0; 4]);
+        put("fwhm_um.npy", "(2,)", &[0.4, 0.5]);
+        put("lambda_um.npy", "(2,)", &[0.5, 0.6]);
+        archive.finish().unwrap();
+        let open = |options: &str| crate::open_file(&format!("{}{options}", path.display()));
+        let error = open("").err().unwrap().to_string();
+        assert!(error.contains("array=NAME; the file has a [2, 1, 2], b [1, 2, 2]"), "{error}");
+        let cube = open(":array=a").unwrap();
+        assert_eq!(cube.band(0).unwrap().data, [0.1, 0.3]);
+        let understood = cube.understood().join("\n");
+        assert!(understood.contains("2 bands, 500 to 600"), "{understood}");
+    }
+
     /// Means over the middle half of the image at 550 nm, computed with NumPy from the same files
     /// (for the 156-band cube from its two bands next to 550 nm; the mean over 10 nm differs by 1
     /// %).
@@ -283,7 +317,7 @@ mod tests {
         let Some(scenes) = camrig_testing::shared("data/scenes") else { return };
         for (file, bands, mean, tolerance) in [
             ("fruitmcc_estimated_reflectance_316x338x31.npz", 31, 0.164_038_13, 1e-5),
-            ("samson_hyperspectral_95x95.npz", 49, 0.088_530_13, 1e-2),
+            ("samson_hyperspectral_95x95.npz:array=cube156", 49, 0.088_530_13, 1e-2),
             ("samson_hyperspectral_95x95.npz:array=cube31", 31, 0.088_530_13, 1e-5),
         ] {
             let scene = open_scene(scenes.join(file).to_str().unwrap()).unwrap();

@@ -63,15 +63,16 @@ impl Sample {
         }
     }
 
-    fn read(self, raw: &[u8], big_endian: bool) -> f32 {
+    /// The sample in the first bytes of `raw`, in either byte order.
+    pub(super) fn read(self, raw: &[u8], big_endian: bool) -> f64 {
         if !big_endian {
-            return self.number(raw) as f32;
+            return self.number(raw);
         }
         let mut swapped = [0; 8];
         let n = self.bytes();
         swapped[..n].copy_from_slice(&raw[..n]);
         swapped[..n].reverse();
-        self.number(&swapped) as f32
+        self.number(&swapped)
     }
 }
 
@@ -233,7 +234,7 @@ impl BandSource for Strided {
                 (None, Bytes::File(_)) => &[],
             };
             for (i, sample) in raw.chunks(step * bytes).enumerate() {
-                let value = self.sample.read(sample, self.big_endian) * self.scale;
+                let value = self.sample.read(sample, self.big_endian) as f32 * self.scale;
                 let (x, y) = if transposed { (line, i) } else { (i, line) };
                 plane.data[y * width + x] = value;
             }

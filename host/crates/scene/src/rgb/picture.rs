@@ -109,24 +109,33 @@ pub fn about_channels(channels: usize, notes: &mut Vec<String>) {
 impl Picture {
     /// Turns pixels so that row 0 is the top and column 0 the left.
     pub fn upright<T: Copy>(&self, pixels: Vec<T>) -> ((usize, usize), Vec<T>) {
-        let (width, height) = self.size;
-        let (right, bottom) = (width - 1, height - 1);
-        // The stored pixel of one that is shown at (x, y).
-        let stored: fn(usize, usize, usize, usize) -> (usize, usize) = match self.orientation {
-            2 => |x, y, right, _| (right - x, y),
-            3 => |x, y, right, bottom| (right - x, bottom - y),
-            4 => |x, y, _, bottom| (x, bottom - y),
-            5 => |x, y, _, _| (y, x),
-            6 => |x, y, _, bottom| (y, bottom - x),
-            7 => |x, y, right, bottom| (right - y, bottom - x),
-            8 => |x, y, right, _| (right - y, x),
-            _ => return (self.size, pixels),
-        };
-        let size = if self.orientation > 4 { (height, width) } else { (width, height) };
-        let at = |i: usize| stored(i % size.0, i / size.0, right, bottom);
-        let turned = (0..pixels.len()).map(at).map(|(x, y)| pixels[y * width + x]).collect();
-        (size, turned)
+        turned(self.orientation, self.size, pixels)
     }
+}
+
+/// Turns pixels of a size, as stored, so that row 0 is the top and column 0 the left: by an
+/// orientation of EXIF and TIFF.
+pub fn turned<T: Copy>(
+    orientation: u8,
+    (width, height): (usize, usize),
+    pixels: Vec<T>,
+) -> ((usize, usize), Vec<T>) {
+    let (right, bottom) = (width - 1, height - 1);
+    // The stored pixel of one that is shown at (x, y).
+    let stored: fn(usize, usize, usize, usize) -> (usize, usize) = match orientation {
+        2 => |x, y, right, _| (right - x, y),
+        3 => |x, y, right, bottom| (right - x, bottom - y),
+        4 => |x, y, _, bottom| (x, bottom - y),
+        5 => |x, y, _, _| (y, x),
+        6 => |x, y, _, bottom| (y, bottom - x),
+        7 => |x, y, right, bottom| (right - y, bottom - x),
+        8 => |x, y, right, _| (right - y, x),
+        _ => return ((width, height), pixels),
+    };
+    let size = if orientation > 4 { (height, width) } else { (width, height) };
+    let at = |i: usize| stored(i % size.0, i / size.0, right, bottom);
+    let turned = (0..pixels.len()).map(at).map(|(x, y)| pixels[y * width + x]).collect();
+    (size, turned)
 }
 
 #[cfg(test)]

@@ -50,6 +50,14 @@ pub fn read(path: &Path) -> Result<Picture> {
     if divisor != [1.0; 3] {
         understood.push(format!("divided by its EXPOSURE and COLORCORR, {divisor:?}"));
     }
+    // A hint of some programs for those that show the picture.
+    let gamma = about.custom_attributes.iter().filter(|(key, _)| key.trim() == "GAMMA");
+    let notes = gamma
+        .filter(|(_, value)| value.trim().parse() != Ok(1.0))
+        .map(|(_, value)| {
+            format!("its line GAMMA={value} is not used: samples are linear, as the format says")
+        })
+        .collect();
     Ok(Picture {
         size,
         samples: Samples::Floats(data),
@@ -57,7 +65,7 @@ pub fn read(path: &Path) -> Result<Picture> {
         orientation: 1,
         white_luminance: None,
         understood,
-        notes: Vec::new(),
+        notes,
     })
 }
 

@@ -3,6 +3,7 @@
 use super::icc;
 use super::picture::{Picture, Said, Samples, about_channels, check_size, check_square, three};
 use crate::images::{decoder, unreadable};
+use crate::tiff_tags::check_pages;
 use camrig_base::{Error, Result};
 use camrig_light::colour::space::{Chromaticities, Space};
 use camrig_light::colour::transfer::Transfer;
@@ -55,7 +56,9 @@ pub fn read(path: &Path) -> Result<Picture> {
     let orientation = tag(Tag::Orientation)?.filter(|n| (1..=8).contains(n)).unwrap_or(1) as u8;
     let mut notes = Vec::new();
     about_channels(channels, &mut notes);
-    if decoder.more_images() {
+    if !decoder.more_images() {
+        check_pages(&mut decoder, channels * size.0 * size.1, 1)?;
+    } else {
         notes.push("of several pages the first is taken".into());
     }
     let mut resolution = |tag| numbers(&mut decoder, tag);

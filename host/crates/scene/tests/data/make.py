@@ -49,6 +49,14 @@ with h5py.File("array.h5", "w", libver="earliest") as f:
     f.create_dataset("scene/cube", data=counts.transpose(2, 0, 1).astype(np.int16))
     f.create_dataset("scene/wavelength", data=wave)
     f.create_dataset("other", data=counts.astype(np.float32))
+# As NeXus files have it: links by path, of which one leads nowhere; half precision; widths of
+# bands before their wavelengths.
+with h5py.File("links.h5", "w", libver="earliest") as f:
+    f.create_dataset("entry/data/cube", data=(reflectance / 4).astype(">f2"))
+    f.create_dataset("entry/data/bandwidth_nm", data=np.array([2.5, 2.6, 2.7, 2.8]))
+    f.create_dataset("entry/data/centre", data=wave)
+    f["entry/cube"] = h5py.SoftLink("/entry/data/cube")
+    f["gone"] = h5py.SoftLink("/nowhere")
 
 # Pictures, by Pillow: one colour of sRGB, and one of four inks.
 from PIL import Image

@@ -1,0 +1,177 @@
+//! What a TIFF says of its bands beside their samples: the tags of GDAL (42112, 42113), and how
+//! many pictures the descriptions of ImageJ and tifffile announce.
+
+use super::arrays::in_nm;
+use super::images::unreadable;
+use super::selection::Stated;
+use super::sidecar::{Own, Sidecar};
+use camrig_base::{Error, Result};
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use tiff::decoder::Decoder;
+use tiff::tags::Tag;
+
+type Reader = Decoder<BufReader<File>>;
+
+/// A tag's text; none where it is not there.
+fn text(decoder: &mut Reader, path: &Path, tag: Tag) -> Result<Option<String>> {
+    let found = decoder.find_tag(tag).and_then(|v| v.map(|v| v.into_string()).transpose());
+    found.map_err(|e| unreadable(path, e))
+}
+
+/// Refuses a file with fewer pages than its description announces pictures: the samples of the
+/// others lie where no page says so.
+pub(super) fn check_pages(
+    decoder: &mut Reader,
+    samples_per_page: usize,
+    pages: usize,
+) -> Result<()> {
+    let described = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
+    let due = match described.split_once("\"shape\":") {
+        Some((_, shape)) if described.starts_with('{') => {
+            let lengths =
+                shape.trim_start().trim_start_matches('[').split(']').next().unwrap_or("");
+            let lengths = lengths.split(',').map(|n| n.trim().parse::<usize>().ok());
+            let all = lengths.reduce(|all, n| all?.checked_mul(n?)).flatten();
+            all.unwrap_or(0) / samples_per_page.max(1)
+        }
+        _ if described.starts_with("ImageJ") => {
+            let images = described.lines().find_map(|line| line.strip_prefix("images="));
+            images.and_then(|n| n.trim().parse().ok()).unwrap_or(0)
+        }
+        _ => 0,
+    };
+    if due <= pages {
+        return Ok(());
+    }
+    Err(Error::unsupported(format!(
+        "{due} pictures, says its description, and {pages} with a page"
+    ))
+    .help("save it with a page per band: not above 4 GiB from ImageJ, nor truncated"))
+}
+
+/// What the tags of GDAL say of the bands.
+#[derive(Default)]
+pub(super) struct Gdal {
+    /// Band by band; not a number where nothing is said, and below.
+    gain: Vec<f64>,
+    offset: Vec<f64>,
+    nm: Vec<f64>,
+    /// What names the wavelengths and their unit.
+    words: String,
+    no_data: Option<String>,
+    not_used: BTreeSet<String>,
+}
+
+impl Gdal {
+    /// Takes in the tags of a page that has `bands`.
+    pub(super) fn page(&mut self, decoder: &mut Reader, path: &Path, bands: usize) -> Result<()> {
+        let first = self.gain.len();
+        let all = first + bands;
+        self.gain.resize(all, f64::NAN);
+        self.offset.resize(all, f64::NAN);
+        self.nm.resize(all, f64::NAN);
+        if let Some(no_data) = text(decoder, path, Tag::GdalNodata)? {
+            let no_data = no_data.trim_matches(['\0', ' ']).to_string();
+            if *self.no_data.get_or_insert(no_data.clone()) != no_data {
+                return Err(Error::unsupported("pages with several values of GDAL_NODATA")
+                    .help("save them with one value for missing samples"));
+            }
+        }
+        let items = text(decoder, path, Tag::Unknown(42112))?.unwrap_or_default();
+        for item in items.split("<Item ").skip(1) {
+            self.item(item, first, bands)?;
+        }
+        Ok(())
+    }
+
+    /// Takes in `name="SCALE" sample="0" role="scale">0.5</Item>`.
+    fn item(&mut self, item: &str, first: usize, bands: usize) -> Result<()> {
+        let (keys, value) = item.split_once('>').unwrap_or((item, ""));
+        let value = value.split("</").next().unwrap_or("").trim();
+        let key = |key: &str| keys.split_once(&format!("{key}=\""))?.1.split('"').next();
+        let name = key("name").unwrap_or("").to_lowercase();
+        let sample = key("sample").and_then(|n| n.parse::<usize>().ok());
+        let band = sample.filter(|n| *n < bands).map(|n| first + n);
+        // A unit may follow the number.
+        let number = value.split(|c: char| c.is_whitespace() || c == 'n' || c == 'u').next();
+        let number = number.and_then(|n| n.parse::<f64>().ok()).filter(|n| n.is_finite());
+        let list = match name.as_str() {
+            "scale" => &mut self.gain,
+            "offset" => &mut self.offset,
+            "wavelength" | "central_wavelength_um" => &mut self.nm,
+            "wavelength_units" => {
+                self.words += &value.to_lowercase();
+                return Ok(());
+            }
+            _ => {
+                self.not_used.insert(name);
+                return Ok(());
+            }
+        };
+        let (Some(band), Some(number)) = (band, number) else {
+            return Err(Error::input(format!(
+                "{name} {value:?} of band {sample:?} in GDAL_METADATA"
+            ))
+            .help("each band has one number"));
+        };
+        list[band] = number;
+        if name.contains("wavelength") {
+            self.words += &value.to_lowercase();
+        }
+        Ok(())
+    }
+
+    /// Whether the tags say that the samples are not the values.
+    pub(super) fn changes_samples(&self) -> bool {
+        self.no_data.is_some()
+            || self.gain.iter().any(|v| !v.is_nan() && *v != 1.0)
+            || self.offset.iter().any(|v| !v.is_nan() && *v != 0.0)
+    }
+
+    /// Adds what is said to what the file says, where the user does not say otherwise.
+    pub(super) fn tell(self, sidecar: &Sidecar, own: &mut Own) -> Result<()> {
+        let scale = sidecar.scale.unwrap_or(1.0);
+        let ignored = match &self.no_data {
+            Some(text) => Some(text.parse::<f32>().map(|v| v * scale).map_err(|_| {
+                Error::input(format!("GDAL_NODATA {text:?}")).help("it is a number")
+            })?),
+            None => None,
+        };
+        let changes = Self { no_data: None, ..self };
+        let scaled = changes.changes_samples();
+        let Self { gain, offset, nm, words, not_used, .. } = changes;
+        if scaled && sidecar.scale.is_some() {
+            own.notes.push("scale and offset of GDAL_METADATA give way to the scale given".into());
+        } else if scaled {
+            own.understood.push("scale and offset of GDAL_METADATA, band by band".into());
+            let [gain, offset] = [all_or_none("scale", gain)?, all_or_none("offset", offset)?];
+            own.stated = Stated { gain, offset, ..Stated::default() };
+        }
+        own.stated.ignored = ignored;
+        own.nm = if nm.iter().any(|nm| nm.is_nan()) { None } else { in_nm(&words, &nm) };
+        if own.nm.is_none() && !nm.iter().all(|nm| nm.is_nan()) {
+            own.notes.push(
+                "wavelengths of GDAL_METADATA were not used: not one per band in nm or µm".into(),
+            );
+        }
+        if !not_used.is_empty() {
+            let names = not_used.into_iter().collect::<Vec<_>>().join(", ");
+            own.notes.push(format!("items of GDAL_METADATA that were not used: {names}"));
+        }
+        Ok(())
+    }
+}
+
+/// A list that says something of every band, or of none.
+fn all_or_none(what: &str, list: Vec<f64>) -> Result<Option<Vec<f64>>> {
+    let said = list.iter().filter(|v| !v.is_nan()).count();
+    if said == 0 || said == list.len() {
+        return Ok((said > 0).then_some(list));
+    }
+    let bands = list.len();
+    Err(Error::input(format!("GDAL_METADATA gives a {what} to {said} of {bands} bands"))
+        .help("give one to each band, or say scale= for all"))
+}

@@ -1,0 +1,124 @@
+//! What files of spectral cubes say beside their samples: followed, told or refused.
+
+use camrig::scene::{Scene, open, open_file};
+use std::path::Path;
+
+/// Why a file is refused.
+fn refused(spec: &str) -> String {
+    open_file(spec).err().map(|e| e.to_string()).unwrap_or_default()
+}
+
+/// A file as NeXus has them, written by h5py (`make.py` beside it): links by path, of which one
+/// leads nowhere, samples of half precision with the big end first, widths of bands beside their
+/// centres.
+#[test]
+fn an_hdf5_file_with_links_is_read() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../host/crates/scene/tests/data/links.h5")
+        .display()
+        .to_string();
+    for spec in [path.clone(), format!("{path}:array=entry/data/cube")] {
+        let cube = open_file(&spec).unwrap();
+        assert_eq!(cube.size(), (3, 2), "{spec}");
+        for band in 0..4 {
+            let plane = cube.band(10 * band).unwrap();
+            for (i, got) in plane.data.iter().enumerate() {
+                let right = (1 + i + band) as f32 / 40.0;
+                // Half of the last of eleven bits.
+                assert!((got / right - 1.0).abs() < 1.0 / 2048.0, "{spec}: {got}, {right}");
+            }
+        }
+        let understood = cube.understood().join("\n");
+        assert!(understood.contains("400 to 700 nm"), "{understood}");
+        let notes = cube.notes().join("\n");
+        assert!(notes.contains("not used: entry/data/bandwidth_nm"), "{notes}");
+    }
+}
+
+#[test]
+fn an_envi_header_that_cannot_be_right_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("cube.hdr");
+    let header = "ENVI\nsamples = 1\nlines = 1\nbands = 2\ndata type = 1\nfile type = ENVI Standard\n\
+                  byte order = 0\ninterleave = bsq\nwavelength = {500, 600}\n\
+                  wavelength units = Nanometers\n";
+    std::fs::write(path.with_extension("img"), [0, 1, 0]).unwrap();
+    let spec = path.display().to_string();
+    let write = |text: &str| std::fs::write(&path, text).unwrap();
+    write(header);
+    let notes = open_file(&spec).unwrap().notes().join("\n");
+    assert!(notes.contains("1 bytes behind the samples"), "{notes}");
+    write(&format!("{header}Lines = 2\n"));
+    assert!(refused(&spec).contains("\"lines\" has another value before"), "{}", refused(&spec));
+    write(&format!("{header}lines = 1\n"));
+    assert!(open_file(&spec).is_ok());
+    for kind in ["FFT Result", "Meta File", "Classification"] {
+        write(&header.replace("Standard", kind));
+        assert!(refused(&spec).contains("file type = envi"), "{}", refused(&spec));
+    }
+}
+
+#[test]
+fn wrong_envi_headers_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("cube.hdr");
+    std::fs::write(dir.path().join("cube"), [0; 23]).unwrap();
+    let good = "ENVI\nsamples = 3\nlines = 2\nbands = 4\ndata type = 1\nstart\n\
+                wavelength = {400, 500, 600, 700}\n";
+    let message = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        open(path.to_str().unwrap()).err().unwrap().to_string()
+    };
+    assert!(message(good).contains("23 bytes of data where 24"));
+    assert!(message(&good.replace("ENVI", "IVNE")).contains("no ENVI header"));
+    assert!(message(&good.replace("bands = 4", "")).contains("no key \"bands\""));
+    assert!(message(&good.replace("type = 1", "type = 6")).contains("data type = 6"));
+    assert!(message(&good.replace("start", "file compression = 1")).contains("compression"));
+    let wavenumbers = good.replace("start", "wavelength units = Furlongs");
+    assert!(message(&wavenumbers).contains("units = furlongs"));
+    assert!(message(&good.replace("start", "quantity = albedo")).contains("quantity = albedo"));
+    assert!(message(&good.replace("start", "byte order = 2")).contains("byte order = 2"));
+    assert!(message(&good.replace("= 3", "= many")).contains("samples = many"));
+    assert!(message(&good.replace('}', "")).contains("closing brace"));
+    std::fs::write(dir.path().join("cube"), [0; 24]).unwrap();
+    assert!(message(&good.replace(", 700", "")).contains("3 wavelengths for 4 bands"));
+    std::fs::remove_file(dir.path().join("cube")).unwrap();
+    assert!(message(good).contains("no data file"));
+}
+
+#[test]
+fn what_an_envi_header_lacks_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("cube.hdr");
+    std::fs::write(dir.path().join("cube"), [0; 48]).unwrap();
+    let header = "ENVI\nsamples = 3\nlines = 2\nbands = 4\ndata type = 12\n\
+                  wavelength = {0.4, 0.5, 0.6, 0.7}\n";
+    std::fs::write(&path, header).unwrap();
+    let said = |spec: &str| open_file(spec).map(|cube| Scene::notes(&cube));
+    let spec = path.display().to_string();
+    let notes = said(&spec).unwrap().join("\n");
+    for words in ["no interleave: bsq", "no byte order: 0", "micrometres, by their size"] {
+        assert!(notes.contains(words), "{notes}");
+    }
+    assert!(!notes.contains("beside"), "{notes}");
+    std::fs::write(path.with_extension("img"), [1; 48]).unwrap();
+    let notes = said(&spec).unwrap().join("\n");
+    assert!(notes.contains("cube.img lies beside the header, too"), "{notes}");
+    let error = said(&format!("{spec}:axes=yxb")).err().unwrap().to_string();
+    assert!(error.contains("axes means nothing for an ENVI file"), "{error}");
+}
+
+#[test]
+fn the_line_gamma_of_a_radiance_picture_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("picture.hdr");
+    for (gamma, told) in [("2.2", true), ("1.0", false)] {
+        let mut bytes =
+            format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nGAMMA={gamma}\n\n-Y 1 +X 1\n")
+                .into_bytes();
+        bytes.extend([128, 128, 128, 128]);
+        std::fs::write(&path, bytes).unwrap();
+        let notes = open_file(path.to_str().unwrap()).unwrap().notes().join("\n");
+        assert_eq!(notes.contains("GAMMA=2.2 is not used"), told, "{notes}");
+    }
+}
