@@ -253,7 +253,7 @@ mod tests {
             "wavelength_nm,power\r400,0.5\r410.5,0.25\r",
             "sep=;\nnm;power\n400;0,5\n410,5;0,25\n",
             "Wavelength,Power\nnm,W/m2\n400,0.5\n410.5,0.25\n",
-            "Data from a spectrometer\nDate: today\n>>>Begin Spectral Data<<<\n400 0.5\n410.5 0.25\n",
+            "Spectrometer 1\nDate: today\n>>>Begin Spectral Data<<<\n400 0.5\n410.5 0.25\n",
             "wavelength, power\n0.4, 5e-1\n0.4105, 0.25\n",
         ] {
             let table = SpectralTable::parse(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));

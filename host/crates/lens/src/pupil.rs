@@ -49,8 +49,8 @@ pub trait Bundle {
         (rays.path[i] - back - (self.chief().path[0] - r)) * 1e6 / self.train().nm
     }
 
-    /// Projected solid angle of the exit pupil, which `outline` bounds, seen from where the chief ray
-    /// lands, sr. It is [`Outline::projected_solid_angle`] where the rays of the field point meet
+    /// Projected solid angle of the exit pupil, which `outline` bounds, seen from where the chief
+    /// ray lands, sr. It is [`Outline::projected_solid_angle`] where the rays of the field point meet
     /// there. Elsewhere, out of focus or where the image is curved, it is that of the rays which
     /// arrive there from all of the scene, to first order in how far the rays of one point miss it.
     #[must_use]

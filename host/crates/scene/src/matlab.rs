@@ -2,8 +2,9 @@
 //! structs.
 //!
 //! Format: MathWorks, "MAT-File Format", level 5. Sparse arrays and objects, which scenes do not
-//! have, are skipped; arrays with imaginary parts are refused, and skipped in structs. Lengths in the file are never trusted: every read is
-//! bounded by the bytes present, nesting by [`MAX_DEPTH`].
+//! have, are skipped; arrays with imaginary parts are refused, and skipped in structs. Lengths in
+//! the file are never trusted: every read is bounded by the bytes present, nesting by
+//! [`MAX_DEPTH`].
 
 use super::strided::Sample;
 use camrig_base::{Error, Result};
