@@ -4,7 +4,7 @@
 //! to 64 bits, classic or BigTIFF, uncompressed or with one of the compressions of the `tiff`
 //! crate (LZW, Deflate, PackBits); uncompressed ones also packed, of 9 to 15 bits. Samples of
 //! pages whose white is 0 stay as stored, and a note says so. Frames without a page of their own
-//! ([`stack`]) are read too.
+//! (module `stack`) are read too.
 
 mod stack;
 

@@ -1,7 +1,7 @@
 //! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with named arrays.
 //!
 //! In an `.npz` the cube and its wavelengths are found as in other files of named arrays
-//! ([`arrays`]), and the quantity is in the cube's name if that is `reflectance` or `radiance`.
+//! (module `arrays`), and the quantity is in the cube's name if that is `reflectance` or `radiance`.
 
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};
