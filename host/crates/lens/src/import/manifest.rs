@@ -310,8 +310,6 @@ fn psf_grid(
     manifest: &Manifest,
     real_height_mm: &dyn Fn(f64, f64) -> Option<f64>,
 ) -> Result<PsfGrid> {
-    // PSFs of one field, put on the axis, stand for all fields by the user's word.
-    let alone = manifest.psf.iter().all(|entry| entry.height_mm == 0.0);
     let mut loaded: Vec<LoadedPsf> = Vec::with_capacity(manifest.psf.len());
     for entry in &manifest.psf {
         let path = dir.join(&entry.file);
@@ -326,7 +324,8 @@ fn psf_grid(
             let nm = nm.ok_or_else(|| unknown("wavelength_nm"))?;
             let spacing = spacing.ok_or_else(|| unknown("spacing_um"))?;
             check(&listing, nm, spacing)?;
-            if !alone {
+            // A PSF on the axis may be one of another field, by the user's word.
+            if entry.height_mm != 0.0 {
                 check_place(&listing, real_height_mm(entry.height_mm, nm))?;
             }
             let near_field = manifest.magnification != 0.0 && listing.field_is_length;
