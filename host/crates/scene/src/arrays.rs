@@ -1,7 +1,7 @@
 //! Cubes from files of named arrays: MATLAB (versions 5 and 7.3) and HDF5.
 //!
 //! The cube is the array that the user names, or the only one of three axes, or that of a public
-//! set's layout ([`LAYOUTS`]), or the one with the most bands that have wavelengths. A list of as many wavelengths as there are bands (`bands`, `wave`,
+//! set's layout ([`LAYOUTS`]). A list of as many wavelengths as there are bands (`bands`, `wave`,
 //! `wavelength`, ...) gives them and tells which axis is theirs; otherwise the axes are rows,
 //! columns, bands, in the order in which MATLAB or h5py show them.
 
@@ -154,9 +154,8 @@ pub(super) fn choose<'a>(
         None if cubes.len() == 1 => Some(cubes[0]),
         None => {
             let known = |n: &str| LAYOUTS.iter().any(|(layout, ..)| *layout == n);
-            let mut named = cubes.iter().copied().filter(|(n, _)| known(n));
-            let named = named.next().filter(|_| named.next().is_none());
-            named.or_else(|| of_most_wavelengths(&cubes, list))
+            let mut known = cubes.into_iter().filter(|(n, _)| known(n));
+            known.next().filter(|_| known.next().is_none())
         }
     };
     if list.is_empty() {
@@ -176,20 +175,17 @@ pub(super) fn choose<'a>(
     Ok((name, shape))
 }
 
-/// The one cube with the most bands, where a list has an entry for each of them.
-fn of_most_wavelengths<'a>(
-    cubes: &[&'a (String, Vec<usize>)],
-    list: &[(String, Vec<usize>)],
-) -> Option<&'a (String, Vec<usize>)> {
+/// The name of the one cube with the most bands, where a list has an entry for each of them.
+pub(super) fn of_most_wavelengths(list: &[(String, Vec<usize>)]) -> Option<&str> {
     let bands = |shape: &[usize]| shape.last().copied().unwrap_or(0);
-    let most = cubes.iter().map(|(_, shape)| bands(shape)).max()?;
+    let cubes = || list.iter().filter(|(_, shape)| three_axes(shape).is_some());
+    let most = cubes().map(|(_, shape)| bands(shape)).max()?;
     let has_list = list.iter().any(|(name, shape)| {
         let name = name.to_lowercase();
-        let named = WAVELENGTH_NAMES.iter().any(|part| name.contains(part));
-        named && shape.iter().product::<usize>() == most && three_axes(shape).is_none()
+        shape[..] == [most] && WAVELENGTH_NAMES.iter().any(|part| name.contains(part))
     });
-    let mut of_most = cubes.iter().copied().filter(|(_, shape)| bands(shape) == most);
-    of_most.next().filter(|_| of_most.next().is_none() && has_list)
+    let mut of_most = cubes().filter(|(_, shape)| bands(shape) == most);
+    of_most.next().filter(|_| of_most.next().is_none() && has_list).map(|(name, _)| &name[..])
 }
 
 /// The list of wavelengths (nm) among the arrays of a `list` for one of a cube's axes, or for that

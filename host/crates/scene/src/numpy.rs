@@ -1,7 +1,8 @@
 //! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with named arrays.
 //!
 //! In an `.npz` the cube and its wavelengths are found as in other files of named arrays
-//! (module `arrays`), and the quantity is in the cube's name if that is `reflectance` or `radiance`.
+//! (module `arrays`), or it is the one with the most bands that have wavelengths. The quantity is in
+//! the cube's name if that is `reflectance` or `radiance`.
 
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};
@@ -183,7 +184,8 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let list: Vec<(String, Vec<usize>)> =
         members.iter().map(|(_, name, array)| (name.clone(), array.shape.clone())).collect();
-    let (of, _) = arrays::choose(&list, sidecar.array.as_deref())?;
+    let wanted = sidecar.array.as_deref().or_else(|| arrays::of_most_wavelengths(&list));
+    let (of, _) = arrays::choose(&list, wanted)?;
     let member = |name: &str| members.iter().find(|(_, n, _)| n == name);
     let Some((index, _, array)) = member(of) else {
         return Err(Error::input(format!("no array {of:?} in the archive")));
