@@ -308,14 +308,10 @@ impl Prescription {
     /// The design wavelengths that count, nm, with their shares of figures of several wavelengths.
     pub(crate) fn shares(&self) -> Vec<(f64, f64)> {
         let all: f64 = self.wavelength_weights.iter().sum();
-        let weight =
-            |i| if all > 0.0 { self.wavelength_weights[i] / all } else { self.even_share() };
-        let waves = self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (*nm, weight(i)));
+        let even = 1.0 / self.wavelengths_nm.len() as f64;
+        let share = |i: usize| if all > 0.0 { self.wavelength_weights[i] / all } else { even };
+        let waves = self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (*nm, share(i)));
         waves.filter(|(_, share)| *share > 0.0).collect()
-    }
-
-    fn even_share(&self) -> f64 {
-        1.0 / self.wavelengths_nm.len() as f64
     }
 
     /// The first surface that is not symmetric about the axis, and why; `None` for a lens that is

@@ -305,6 +305,36 @@ fn columns(header: &str, nm: f64) -> Result<(Vec<f64>, f64)> {
 /// [`PsfListing::oriented`] gave.
 type LoadedPsf = (f64, f64, f64, (usize, Vec<f64>, f64));
 
+/// A listing by its entry, which must not contradict it; `near`: whether the object is.
+fn placed(
+    listing: &PsfListing,
+    entry: &PsfEntry,
+    near: bool,
+    real_height_mm: &dyn Fn(f64, f64) -> Option<f64>,
+) -> Result<LoadedPsf> {
+    let unknown = |what: &str| {
+        Error::input(format!("the file does not say its {what}"))
+            .help(format!("add {what} to its [[psf]] entry"))
+    };
+    let nm = entry.wavelength_nm.or(listing.wavelength_nm);
+    let spacing = entry.spacing_um.or(listing.spacing_um);
+    let nm = nm.ok_or_else(|| unknown("wavelength_nm"))?;
+    let spacing = spacing.ok_or_else(|| unknown("spacing_um"))?;
+    check(listing, nm, spacing)?;
+    // A PSF on the axis may be one of another field, by the user's word.
+    if entry.height_mm != 0.0 {
+        check_place(listing, real_height_mm(entry.height_mm, nm))?;
+    }
+    // The height of a near object and that of its image have opposite signs.
+    let of_object = near && listing.field_is_length && listing.image.is_none();
+    if of_object && entry.outwards.is_none() && listing.field != Some([0.0; 2]) {
+        return Err(Error::input("the file does not say on which side its image lies")
+            .help("add outwards = true or false to its [[psf]] entry"));
+    }
+    let outwards = entry.outwards.unwrap_or(listing.runs_outwards());
+    Ok((entry.height_mm, nm, spacing, listing.oriented(outwards)))
+}
+
 fn psf_grid(
     dir: &Path,
     manifest: &Manifest,
@@ -313,30 +343,10 @@ fn psf_grid(
     let mut loaded: Vec<LoadedPsf> = Vec::with_capacity(manifest.psf.len());
     for entry in &manifest.psf {
         let path = dir.join(&entry.file);
-        let read = || {
-            let listing = load(&path)?;
-            let unknown = |what: &str| {
-                Error::input(format!("the file does not say its {what}"))
-                    .help(format!("add {what} to its [[psf]] entry"))
-            };
-            let nm = entry.wavelength_nm.or(listing.wavelength_nm);
-            let spacing = entry.spacing_um.or(listing.spacing_um);
-            let nm = nm.ok_or_else(|| unknown("wavelength_nm"))?;
-            let spacing = spacing.ok_or_else(|| unknown("spacing_um"))?;
-            check(&listing, nm, spacing)?;
-            // A PSF on the axis may be one of another field, by the user's word.
-            if entry.height_mm != 0.0 {
-                check_place(&listing, real_height_mm(entry.height_mm, nm))?;
-            }
-            let near_field = manifest.magnification != 0.0 && listing.field_is_length;
-            if near_field && listing.image.is_none() && entry.outwards.is_none() {
-                return Err(Error::input("the file does not say on which side its image lies")
-                    .help("add outwards = true or false to its [[psf]] entry"));
-            }
-            let outwards = entry.outwards.unwrap_or(listing.runs_outwards());
-            Ok((entry.height_mm, nm, spacing, listing.oriented(outwards)))
-        };
-        loaded.push(read().map_err(|e: Error| e.at(path.display()))?);
+        let psf = load(&path).and_then(|listing| {
+            placed(&listing, entry, manifest.magnification != 0.0, real_height_mm)
+        });
+        loaded.push(psf.map_err(|e| e.at(path.display()))?);
     }
     let Some((_, _, spacing_um, (size, _, _))) = loaded.first().cloned() else {
         return Err(Error::input("no [[psf]]").help("name one PSF at least"));
