@@ -41,7 +41,8 @@ fn an_envi_header_that_cannot_be_right_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("cube.hdr");
     let header = "ENVI\nsamples = 1\nlines = 1\nbands = 2\ndata type = 1\n\
-                  file type = ENVI Standard\nbyte order = 0\ninterleave = bsq\nwavelength = {500, 600}\n\
+                  file type = ENVI Standard\nbyte order = 0\ninterleave = bsq\n\
+                  wavelength = {500, 600}\n\
                   wavelength units = Nanometers\n";
     std::fs::write(path.with_extension("img"), [0, 1, 0]).unwrap();
     let spec = path.display().to_string();

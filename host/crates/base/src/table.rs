@@ -52,9 +52,7 @@ impl SpectralTable {
     /// neither rise nor fall, no lines. The error names the line.
     pub fn parse(text: &str) -> Result<Self> {
         let text = text.trim_start_matches('\u{feff}');
-        // Old Macs end lines so.
-        let lone = !text.contains('\n') && text.contains('\r');
-        let text = &if lone { text.replace('\r', "\n").into() } else { Cow::Borrowed(text) };
+        let text = &with_line_feeds(text)[..];
         let (form, mut remarks) = Form::of(text)?;
         let columns = form.names.len();
         let mut wavelength: Vec<f64> = Vec::new();
@@ -191,6 +189,17 @@ pub fn text_of(bytes: Vec<u8>) -> String {
         _ => String::from_utf8(bytes)
             .unwrap_or_else(|e| e.into_bytes().iter().map(|&byte| char::from(byte)).collect()),
     }
+}
+
+/// The text with lines that end with LF or CR LF: a CR alone, as of old Macs, becomes LF, and CR
+/// CR LF, as in a file that was converted twice, CR LF.
+pub fn with_line_feeds(text: &str) -> Cow<'_, str> {
+    if !text.contains('\r') {
+        return text.into();
+    }
+    let lines = text.replace("\r\r\n", "\r\n");
+    let lines: Vec<String> = lines.split("\r\n").map(|line| line.replace('\r', "\n")).collect();
+    lines.join("\r\n").into()
 }
 
 /// A table compiled into the program; its content is fixed, so a fault in it is a fault of the

@@ -121,8 +121,7 @@ impl Form {
         let columns = separator.fields(numbers).len() - 1;
         let header: Vec<&str> = content(text).map(|(_, line)| line).take(header_lines).collect();
         let (used, header) = joined(&header, separator, columns);
-        let (mut form, mut remarks) = Self::with_header(&header, separator, columns)?;
-        form.header_lines = header_lines;
+        let (form, mut remarks) = Self::with_header(&header, header_lines, separator, columns)?;
         if header_lines > used {
             let passed = header_lines - used;
             remarks.push(format!("its first {passed} lines are passed over, down to {header:?}"));
@@ -132,6 +131,7 @@ impl Form {
 
     fn with_header(
         header: &str,
+        header_lines: usize,
         separator: Separator,
         columns: usize,
     ) -> Result<(Self, Vec<String>)> {
@@ -167,7 +167,7 @@ impl Form {
         if unit.is_none() && !known {
             remarks.push(format!("its first column, {of_wavelength:?}, is taken as wavelength"));
         }
-        Ok((Self { separator, header_lines: 1, names, quantities, unit }, remarks))
+        Ok((Self { separator, header_lines, names, quantities, unit }, remarks))
     }
 
     /// The fields of a line.

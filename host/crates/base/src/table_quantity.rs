@@ -214,9 +214,8 @@ mod tests {
             ("Photon flux [umol/m2/s/nm]", 1.0, Wanted::Power, 0.239_253),
             ("Relative power", 0.7, Wanted::Power, 0.7),
         ] {
-            let header_text = header;
             let found = converted(header, value, wanted).unwrap();
-            assert!((found / right - 1.0).abs() < 1e-5, "{header_text}: {found}, not {right}");
+            assert!((found / right - 1.0).abs() < 1e-5, "{header}: {found}, not {right}");
         }
     }
 

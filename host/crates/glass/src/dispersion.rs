@@ -67,8 +67,8 @@ pub(super) const G_LINE: f64 = 0.435_834_3;
 const SCHOTT: [f64; 6] = [0.0, 2.0, -2.0, -4.0, -6.0, -8.0];
 
 impl Dispersion {
-    /// Schott's formula of 1967, the Laurent series of CODE V: n² = Σ a·λ^p with p = 0, 2, -2, -4,
-    /// -6 and -8.
+    /// Schott's formula of 1967, the Laurent series of CODE V: n² = Σ a·λ^p with p = 0, 2, -2,
+    /// -4, -6 and -8.
     #[must_use]
     pub fn schott(coefficients: [f64; 6]) -> Self {
         let terms = std::array::from_fn::<_, 6, _>(|i| [coefficients[i], SCHOTT[i]]);

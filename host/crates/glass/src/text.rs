@@ -1,5 +1,6 @@
 //! Text of lens programs: the encodings they write, and their numbers.
 
+use camrig_base::table::with_line_feeds;
 use camrig_base::{Error, Result};
 use std::path::Path;
 
@@ -13,17 +14,10 @@ pub fn read_text(path: &Path) -> Result<String> {
 
 /// Text from bytes. A byte-order mark decides; without one, zero bytes in every other place mean
 /// UTF-16; what is not UTF-8 is Latin-1 (µ in Zemax listings), in which every byte is a character.
-/// Lines end with LF or CR LF: a CR alone, as of old Macs, becomes LF.
+/// A CR alone ends a line too ([`with_line_feeds`]).
 #[must_use]
 pub fn decode(bytes: &[u8]) -> String {
-    let text = characters(bytes);
-    if !text.contains('\r') {
-        return text;
-    }
-    // A file that was converted twice ends its lines with CR CR LF.
-    let lines = text.replace("\r\r\n", "\r\n");
-    let lines: Vec<String> = lines.split("\r\n").map(|line| line.replace('\r', "\n")).collect();
-    lines.join("\r\n")
+    with_line_feeds(&characters(bytes)).into_owned()
 }
 
 fn characters(bytes: &[u8]) -> String {

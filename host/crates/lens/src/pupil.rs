@@ -50,9 +50,10 @@ pub trait Bundle {
     }
 
     /// Projected solid angle of the exit pupil, which `outline` bounds, seen from where the chief
-    /// ray lands, sr. It is [`Outline::projected_solid_angle`] where the rays of the field point meet
-    /// there. Elsewhere, out of focus or where the image is curved, it is that of the rays which
-    /// arrive there from all of the scene, to first order in how far the rays of one point miss it.
+    /// ray lands, sr. It is [`Outline::projected_solid_angle`] where the rays of the field point
+    /// meet there. Elsewhere, out of focus or where the image is curved, it is that of the rays
+    /// which arrive there from all of the scene, to first order in how far the rays of one point
+    /// miss it.
     #[must_use]
     fn solid_angle_from_sensor(&self, outline: &Outline) -> f64 {
         let thickness = self.train().surfaces.last().map_or(0.0, |s| s.thickness);

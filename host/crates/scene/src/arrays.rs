@@ -180,12 +180,18 @@ pub(super) fn of_most_wavelengths(list: &[(String, Vec<usize>)]) -> Option<&str>
     let bands = |shape: &[usize]| shape.last().copied().unwrap_or(0);
     let cubes = || list.iter().filter(|(_, shape)| three_axes(shape).is_some());
     let most = cubes().map(|(_, shape)| bands(shape)).max()?;
-    let has_list = list.iter().any(|(name, shape)| {
-        let name = name.to_lowercase();
-        shape[..] == [most] && WAVELENGTH_NAMES.iter().any(|part| name.contains(part))
-    });
+    let has_list = list
+        .iter()
+        .any(|(name, shape)| shape[..] == [most] && word_of_wavelengths(name).is_some());
     let mut of_most = cubes().filter(|(_, shape)| bands(shape) == most);
     of_most.next().filter(|_| of_most.next().is_none() && has_list).map(|(name, _)| &name[..])
+}
+
+/// The last part of an array's name, in small letters, if it may be of a list of wavelengths.
+fn word_of_wavelengths(name: &str) -> Option<String> {
+    let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
+    let has = |parts: &[&str]| parts.iter().any(|part| word.contains(part));
+    (has(&WAVELENGTH_NAMES) && !has(&OTHER_NAMES)).then_some(word)
 }
 
 /// The list of wavelengths (nm) among the arrays of a `list` for one of a cube's axes, or for that
@@ -205,11 +211,7 @@ pub(super) fn wavelengths(
     };
     let mut named = Vec::new();
     for (name, _) in list.iter().filter(|(_, shape)| fits(shape)) {
-        let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
-        let has = |parts: &[&str]| parts.iter().any(|part| word.contains(part));
-        if has(&WAVELENGTH_NAMES) && !has(&OTHER_NAMES) {
-            named.push((name, word));
-        }
+        named.extend(word_of_wavelengths(name).map(|word| (name, word)));
     }
     // Those that say it before those that may mean it.
     named.sort_by_key(|(_, word)| !word.starts_with("wave"));

@@ -431,19 +431,25 @@ mod tests {
         }
     }
 
-    /// The file of an array is as long as it is; what is checked is told that it is shorter.
-    #[test]
-    fn lengths_that_a_file_cannot_hold_are_refused_before_memory_is_taken() {
+    /// A file of an array of halves, packed in chunks, and the folder that holds it.
+    fn packed(shape: [u64; 3], chunks: [u64; 3]) -> (tempfile::TempDir, File) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cube.h5");
         let mut file = FileBuilder::new();
         file.create_dataset("cube")
-            .with_f64_data(&vec![0.5; 9_000_000])
-            .with_shape(&[9, 1000, 1000])
-            .with_chunks(&[1, 1000, 1000])
+            .with_f64_data(&vec![0.5; shape.iter().product::<u64>() as usize])
+            .with_shape(&shape)
+            .with_chunks(&chunks)
             .with_deflate(1);
         file.write(&path).unwrap();
         let file = File::open_streaming(&path).unwrap();
+        (folder, file)
+    }
+
+    /// The file of an array is as long as it is; what is checked is told that it is shorter.
+    #[test]
+    fn lengths_that_a_file_cannot_hold_are_refused_before_memory_is_taken() {
+        let (_folder, file) = packed([9, 1000, 1000], [1, 1000, 1000]);
         let said = |file_bytes: u64| {
             let found = checked(file_bytes, "cube", file.dataset("cube").unwrap());
             found.err().map(|e| e.to_string()).unwrap_or_default()
@@ -474,16 +480,7 @@ mod tests {
 
     #[test]
     fn chunks_larger_than_their_array_are_read_where_the_file_holds_them() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("cube.h5");
-        let mut file = FileBuilder::new();
-        file.create_dataset("cube")
-            .with_f64_data(&[0.5; 4])
-            .with_shape(&[1, 2, 2])
-            .with_chunks(&[1, 3000, 3000])
-            .with_deflate(1);
-        file.write(&path).unwrap();
-        let file = File::open_streaming(&path).unwrap();
+        let (_folder, file) = packed([1, 2, 2], [1, 3000, 3000]);
         let cube = || file.dataset("cube").unwrap();
         assert!(checked(file.file_size(), "cube", cube()).is_ok());
         let error = checked(10_000, "cube", cube()).err().unwrap().to_string();

@@ -1,8 +1,8 @@
 //! Cubes from NumPy files: `.npy` with a sidecar, `.npz` with named arrays.
 //!
 //! In an `.npz` the cube and its wavelengths are found as in other files of named arrays
-//! (module `arrays`), or it is the one with the most bands that have wavelengths. The quantity is in
-//! the cube's name if that is `reflectance` or `radiance`.
+//! (module `arrays`), or it is the one with the most bands that have wavelengths. The quantity is
+//! in the cube's name if that is `reflectance` or `radiance`.
 
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};

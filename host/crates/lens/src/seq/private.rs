@@ -1,9 +1,9 @@
 //! Glasses that a `.seq` file defines itself: `PRV`, wavelengths (`PWL`), a row of indices for
 //! each glass, or `LAU` and the coefficients of its Laurent series, `END`.
 //!
-//! The series is Schott's, n² = A₀ + A₁λ² + A₂λ⁻² + A₃λ⁻⁴ + A₄λ⁻⁶ + A₅λ⁻⁸ with λ in µm: a file of
-//! CODE V 11.1 gives NOA61 by it, and its coefficients are those of the square of the maker's
-//! n = 1.5375 + 0.00829045λ⁻² − 0.000211046λ⁻⁴ (Norland). The order of other forms is not known.
+//! The series is Schott's ([`Dispersion::schott`]) with λ in µm: a file of CODE V 11.1 gives
+//! NOA61 by it, and its coefficients are those of the square of the maker's (Norland)
+//! n = 1.5375 + 0.00829045/λ² − 0.000211046/λ⁴. The order of other forms is not known.
 
 use super::lexer::Word;
 use super::{first, numbers};
