@@ -99,7 +99,7 @@ impl<'a> Drawing<'a> {
         };
         drawing.fill_legend(named);
         let labels = drawing.y.ticks(room(height - 90.0, 1));
-        let widest = labels.iter().filter_map(|t| Some(width(t.1.as_ref()?)));
+        let widest = labels.iter().filter_map(|t| Some(WIDER * width(t.1.as_ref()?)));
         let left = widest.fold(14.0, f64::max) + 12.0;
         let title = if plot.title.is_empty() { 0.0 } else { TITLE_ROW };
         let rows = LEGEND_ROW * drawing.legend_rows as f64;
