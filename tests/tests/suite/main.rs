@@ -25,6 +25,7 @@ mod light_in_time;
 mod live;
 mod measuring;
 mod photon_transfer;
+mod picture_files;
 mod pictures;
 mod radiometry;
 mod real_data;

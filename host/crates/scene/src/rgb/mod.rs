@@ -21,8 +21,6 @@ mod read_jpeg;
 mod read_png;
 mod read_radiance;
 mod read_tiff;
-#[cfg(test)]
-mod tests_files;
 
 use super::cube::{BandSource, Cube};
 use super::{Bands, Components, Quantity, White};

@@ -1,13 +1,13 @@
 //! Pictures of every kind as scenes.
 
-use crate::cube::Cube;
-use crate::level::check_absolute;
-use crate::{Quantity, Scene, open_file};
-use ::exr::prelude::*;
-use camrig_light::colour::smoothest::{Domain, Smoothest, white};
-use camrig_light::colour::space::{REC2020, Space};
-use camrig_light::colour::transfer::Transfer;
-use camrig_light::photometry::observer;
+use camrig::light::colour::smoothest::{Domain, Smoothest, white};
+use camrig::light::colour::space::{REC2020, Space};
+use camrig::light::colour::transfer::Transfer;
+use camrig::light::photometry::observer;
+use camrig::scene::cube::Cube;
+use camrig::scene::level::check_absolute;
+use camrig::scene::{Quantity, Scene, open_file};
+use exr::prelude::*;
 use png::chunk::ChunkType;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -293,7 +293,7 @@ fn renders_are_radiance_with_a_scale_and_a_white() {
     let [_, v, _] = observer();
     let luminance: f64 = (0..31)
         .map(|b| {
-            let nm = crate::Bands::VISIBLE.nm(b);
+            let nm = camrig::Bands::VISIBLE.nm(b);
             6830.0 * f64::from(scaled.band(b).unwrap().data[1]) * v.at(nm)
         })
         .sum();
