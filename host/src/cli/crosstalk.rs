@@ -1,11 +1,12 @@
 //! `camrig crosstalk`: the virtual rotation experiment and the fit of its captures.
 
 use super::arguments::{CameraArgs, band_at, duration, progress};
+use super::captures::opened;
 use super::notes::Notes;
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
 use camrig_capture::bench;
-use camrig_captures::{CaptureSet, Role};
+use camrig_captures::Role;
 use camrig_measure::{coupling, crosstalk};
 use serde_json::json;
 use std::path::PathBuf;
@@ -107,7 +108,7 @@ fn run_bench(args: &BenchArgs) -> Result<ExitCode> {
 }
 
 fn run_fit(args: &FitArgs) -> Result<ExitCode> {
-    let set = CaptureSet::load(&args.captures)?;
+    let set = opened(&args.captures)?;
     let result = crosstalk::fit(&set)?;
     let coupling = match set.with_role(Role::Flat).next() {
         Some(_) => Some(coupling::fit(&set)?),

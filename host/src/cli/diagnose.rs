@@ -1,6 +1,7 @@
 //! `camrig diagnose`: name what the model lacks.
 
 use super::arguments::{ChangeArgs, band_at, progress};
+use super::captures::opened;
 use super::notes::Notes;
 use camrig_base::output::OutputDir;
 use camrig_base::{Bands, Error, Result};
@@ -62,7 +63,7 @@ pub(super) fn open(
     region: Option<Roi>,
     measure: Measure,
 ) -> Result<(Camera, Session)> {
-    let mut set = CaptureSet::load(captures)?;
+    let mut set = opened(captures)?;
     if let Some(Roi { x, y, width, height }) = region {
         set = set.within([x, y, width, height])?;
     }

@@ -76,3 +76,29 @@ fn a_catalogue_that_is_named_is_told_too() {
     let text = printed(dir, SIMULATE);
     assert!(text.contains(TOLD), "{text}");
 }
+
+/// N-BK7 as four rows of a paper, and a plastic that is measured from 436 nm.
+#[test]
+fn an_index_that_is_carried_on_beyond_the_data_is_told() {
+    let notes = |glass: &str, wavelengths: &str| {
+        let text = format!(
+            "format = \"camrig-prescription/1\"\nwavelengths_nm = {wavelengths}\n\
+             fields_deg = [0.0]\n[aperture]\nf_number = 8.0\n[[surface]]\nradius_mm = 50.0\n\
+             thickness_mm = 5.0\nstop = true\n{glass}[[surface]]\nradius_mm = -50.0\n\
+             thickness_mm = 45.0\n"
+        );
+        let table = "[glass.X]\ntable_nm = [[480.0, 1.522], [587.6, 1.5168], [656.3, 1.5143]]\n";
+        let text = if glass.contains('X') { text + table } else { text };
+        let lens = camrig::lens::toml::read(&text, &Catalogue::default()).unwrap();
+        camrig::lens::System::new(lens, Conditions::default()).unwrap().prescription.notes
+    };
+    let told = notes("glass = \"X\"\n", "[410.0, 550.0, 656.3]");
+    assert_eq!(
+        told,
+        ["glass X is known from 480 to 656.3 nm: its index is carried on to 410 nm, and \
+          uncertain there"]
+    );
+    assert!(notes("glass = \"X\"\n", "[480.0, 550.0, 656.3]").is_empty());
+    assert!(notes("glass = \"N-BK7\"\n", "[400.0, 2300.0]").is_empty());
+    assert!(notes("glass = \"N-BK7\"\n", "[550.0, 2600.0]")[0].contains("carried on to 2600 nm"));
+}

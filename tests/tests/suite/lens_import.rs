@@ -247,6 +247,15 @@ fn labels_of_a_listing_with_any_blanks() {
         assert!(psf.runs_outwards());
         assert!(!listing::psf(&text(label, "1.2")).unwrap().runs_outwards());
     }
+    let usual = text("Center coordinates:", "1.2");
+    for (from, to, words) in [
+        ("0.4 µm.", "0.4 mrad.", "a data spacing in mrad"),
+        ("0.4 µm.", "0.4 in.", "a data spacing in in"),
+        ("6.0000 mm.", "6.0000 in.", "a field in in"),
+    ] {
+        let error = message(listing::psf(&usual.replace(from, to)));
+        assert!(error.contains(words) && error.contains("line"), "{error}");
+    }
     let error = message(listing::psf(&text("Center coordinates:", "?")));
     assert!(error.contains("image position") && error.contains("line 5"), "{error}");
 }

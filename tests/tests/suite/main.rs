@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod batch;
+mod black_levels;
 mod calibration;
 mod cameras;
 mod captures;

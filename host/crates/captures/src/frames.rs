@@ -112,6 +112,9 @@ pub fn open(path: &Path) -> Result<Vec<StoredFrame>> {
 }
 
 /// [`open`], with what the file says of its samples.
+///
+/// # Errors
+/// As [`open`].
 pub fn open_with_facts(path: &Path) -> Result<(Vec<StoredFrame>, Facts)> {
     let shared: Arc<Path> = path.into();
     if let Some(found) = stored(path, &shared).map_err(|e| e.at(path.display()))? {

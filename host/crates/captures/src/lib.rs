@@ -51,9 +51,10 @@
 
 pub mod draft;
 mod frames;
+mod headers;
 pub mod manifest;
 
-pub use frames::{Batches, StoredFrame, open};
+pub use frames::{Batches, StoredFrame, open, open_with_facts};
 
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};

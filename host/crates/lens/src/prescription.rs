@@ -304,6 +304,9 @@ impl Surface {
     }
 }
 
+/// Part of a wavelength by which it may miss the end of a glass's data and still belongs to them.
+const LIMITS_ALIKE: f64 = 1e-5;
+
 impl Prescription {
     /// The design wavelengths that count, nm, with their shares of figures of several wavelengths.
     pub(crate) fn shares(&self) -> Vec<(f64, f64)> {
@@ -312,6 +315,33 @@ impl Prescription {
         let share = |i: usize| if all > 0.0 { self.wavelength_weights[i] / all } else { even };
         let waves = self.wavelengths_nm.iter().enumerate().map(|(i, nm)| (*nm, share(i)));
         waves.filter(|(_, share)| *share > 0.0).collect()
+    }
+
+    /// What to tell of glasses whose data end before these wavelengths, nm, and whose formula or
+    /// table is carried on to them: a sentence for each glass, unless it is among the notes.
+    #[must_use]
+    pub fn beyond_data(&self, wavelengths_nm: &[f64]) -> Vec<String> {
+        let mut told = Vec::<String>::new();
+        for surface in &self.surfaces {
+            let Medium::Glass(glass) = &surface.medium else { continue };
+            let [low, high] = glass.range_nm;
+            // Limits of catalogues are printed in µm.
+            let outside =
+                |nm: &f64| *nm < low * (1.0 - LIMITS_ALIKE) || *nm > high * (1.0 + LIMITS_ALIKE);
+            let out = wavelengths_nm.iter().copied().filter(outside);
+            let away = |nm: &f64| (low - nm).max(nm - high);
+            let Some(farthest) = out.max_by(|a, b| away(a).total_cmp(&away(b))) else { continue };
+            let [low, high, farthest] = [low, high, farthest].map(|nm| (1e3 * nm).round() / 1e3);
+            let note = format!(
+                "glass {} is known from {low} to {high} nm: its index is carried on to \
+                 {farthest} nm, and uncertain there",
+                glass.name
+            );
+            if !told.contains(&note) && !self.notes.contains(&note) {
+                told.push(note);
+            }
+        }
+        told
     }
 
     /// The first surface that is not symmetric about the axis, and why; `None` for a lens that is

@@ -471,6 +471,7 @@ fn keep_known_wavelengths(prescription: &mut Prescription) {
         notes.push(format!("the reference wavelength is {nearest} nm instead of {old} nm: {why}"));
         prescription.reference_nm = nearest;
     }
+    notes.extend(prescription.beyond_data(&known));
     prescription.wavelengths_nm = known;
     prescription.wavelength_weights = weights;
     prescription.notes.extend(notes);

@@ -13,7 +13,9 @@ use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
 use super::value::Value;
 use camrig_base::{Cfa, Error, Plane, Result};
-use camrig_captures::{Capture, CaptureSet, Role, SensorFacts};
+use camrig_captures::{Capture, CaptureSet, Role, SensorFacts, open_with_facts};
+use camrig_formats::Facts;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -63,6 +65,7 @@ pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
     let facts = frames.facts;
     let (width, height) = frames.planes.first().map_or((0, 0), |p| (p.width, p.height));
     drop(frames.planes);
+    let differences = differences(files, &facts);
     let bits = facts.bits.unwrap_or(MOST_BITS).min(MOST_BITS);
     let full_scale = ((1u32 << bits) - 1) as u16;
     let sensor = SensorFacts {
@@ -77,7 +80,39 @@ pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
     };
     let capture = Capture::new(first.display().to_string(), Role::Dark, files.to_vec(), 0.0);
     let set = CaptureSet { root: PathBuf::new(), camera: None, sensor, captures: Vec::new() };
-    of_capture(&set, &capture)
+    let mut found = of_capture(&set, &capture)?;
+    found.notes.extend(differences);
+    Ok(found)
+}
+
+/// In what the files of one stack say that they were taken otherwise than the first, a sentence for
+/// each kind with the first such file.
+fn differences(files: &[PathBuf], first: &Facts) -> Vec<String> {
+    type Say = fn(&Facts) -> Option<String>;
+    let kinds: [(&str, Say); 4] = [
+        ("exposure", |f| Some(format!("{} s", f.taken.exposure_s.as_ref()?.value))),
+        ("gain", |f| Some(f.taken.analog_gain.as_ref()?.value.to_string())),
+        ("pattern", |f| Some(f.cfa.as_ref()?.to_string())),
+        ("black level", |f| Some(format!("{} DN", f.black_level_dn?))),
+    ];
+    let said = |facts: &Facts| kinds.map(|(_, say)| say(facts));
+    let others: Vec<_> = files[1..]
+        .par_iter()
+        .filter_map(|file| Some((file, said(&open_with_facts(file).ok()?.1))))
+        .collect();
+    let told = |(i, wanted): (usize, Option<String>)| {
+        let wanted = wanted?;
+        let differs = |other: &Option<String>| other.as_ref().is_some_and(|o| *o != wanted);
+        let (file, said) = others.iter().find(|(_, said)| differs(&said[i]))?;
+        Some(format!(
+            "{} says another {} than the first file, {} instead of {wanted}: frames of one stack \
+             are taken under the same conditions",
+            file.display(),
+            kinds[i].0,
+            said[i].as_deref().unwrap_or_default()
+        ))
+    };
+    said(first).into_iter().enumerate().filter_map(told).collect()
 }
 
 /// The figures of a dark stack of a capture set.
@@ -238,7 +273,7 @@ fn hot_pixels(stack: &Stack) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use camrig_formats::{Facts, Frames, npy};
+    use camrig_formats::{Format, Frames, npy};
     use rand_distr::{Distribution, Normal};
     use rand_xoshiro::{Xoshiro256PlusPlus, rand_core::SeedableRng};
 
@@ -265,6 +300,33 @@ mod tests {
             })
             .collect();
         of_files(&files, None).unwrap()
+    }
+
+    #[test]
+    fn files_of_other_conditions_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, black: f64, exposure: f64| {
+            let mut facts = Facts { bits: Some(12), ..Facts::default() };
+            (facts.cfa, facts.black_level_dn) = (Cfa::parse("RGGB").ok(), Some(black));
+            facts.taken.exposure_s = Some(camrig_formats::Said::new(exposure, "a test"));
+            let planes = vec![Plane::from_fn(8, 6, |x, y| 60 + (x * y % 7) as u16); 2];
+            let path = folder.path().join(name);
+            std::fs::write(&path, Format::Pgm.encode(&Frames { planes, facts }).unwrap()).unwrap();
+            path
+        };
+        let [a, b] = [file("a.pgm", 64.0, 0.01), file("b.pgm", 64.0, 0.01)];
+        let notes = |files: &[PathBuf]| of_files(files, None).unwrap().notes;
+        let told = |notes: Vec<String>| {
+            notes.into_iter().filter(|note| note.contains("same conditions")).collect::<Vec<_>>()
+        };
+        assert_eq!(told(notes(&[a.clone(), b.clone()])), [""; 0]);
+        let c = file("c.pgm", 100.0, 2.0);
+        let found = told(notes(&[a, b, c]));
+        assert_eq!(found.len(), 2, "{found:?}");
+        let words = ["another exposure than the first file, 2 s instead of 0.01 s", "100 DN"];
+        for (note, words) in found.iter().zip(words) {
+            assert!(note.contains("c.pgm") && note.contains(words), "{note}");
+        }
     }
 
     fn near(found: Value, truth: f64, most_sigmas: f64) {

@@ -92,6 +92,9 @@ impl Tracing {
         let given = format!("{prescription:?} {conditions:?}");
         let mut system =
             System::new(prescription, conditions).map_err(|e| e.at(setup.file.display()))?;
+        let centres: Vec<f64> = bands.centres().collect();
+        let beyond = system.prescription.beyond_data(&centres);
+        system.prescription.notes.extend(beyond);
         let density =
             Some(Density { tolerance: options.misplaced_light, pixel_um: camera.sensor.pitch_um });
         let grid = sensor_grid(camera);
@@ -99,7 +102,7 @@ impl Tracing {
             let plan = PlanePlan {
                 frame_mm: [grid.width, grid.height].map(|n| n as f64 * 1e-3 * grid.pitch_um),
                 density,
-                wavelengths_nm: bands.centres().collect(),
+                wavelengths_nm: centres,
                 psf_size: PSF_SIZE,
                 psf_spacing_um: None,
                 method: PsfMethod::Auto,
@@ -113,7 +116,7 @@ impl Tracing {
             heights: 1 + (STEPS * over_ideal).ceil() as usize,
             density,
             max_field_deg: field_deg,
-            wavelengths_nm: bands.centres().collect(),
+            wavelengths_nm: centres,
             psf_size: PSF_SIZE,
             psf_spacing_um: None,
             method: PsfMethod::Auto,

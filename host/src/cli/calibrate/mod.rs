@@ -8,12 +8,12 @@ pub use hdr::{HdrArgs, hdr};
 pub use response::{ResponseArgs, response};
 pub use spectral::{SpectralArgs, spectral};
 
+use super::captures::opened;
 use camrig_base::Cfa;
 use camrig_base::Result;
 use camrig_base::output::OutputDir;
 use camrig_calibrate::ceiling;
 use camrig_calibrate::exposures::{self, Series};
-use camrig_captures::CaptureSet;
 use std::path::PathBuf;
 
 /// Which frames, and what is known of the sensor.
@@ -31,7 +31,7 @@ struct Source {
 
 impl Source {
     fn read(&self) -> Result<(Vec<Series>, Cfa, f64)> {
-        let set = CaptureSet::load(&self.captures)?;
+        let set = opened(&self.captures)?;
         let cfa = match &self.cfa {
             Some(text) => Cfa::parse(text).map_err(|e| e.at("--cfa"))?,
             None => set.cfa(),

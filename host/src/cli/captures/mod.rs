@@ -7,7 +7,7 @@ use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
 use camrig_clean::{Cleaned, Finding};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Make capture sets of your own frames, and look at them
@@ -23,8 +23,8 @@ enum Command {
     Check(CheckArgs),
 }
 
-/// List every fault of a manifest, what is still to fill in, and everything in its frames that is
-/// not the sensor's steady behaviour: copies, codes with a step, processing, particle hits, pixels
+/// List every fault of a manifest, what is still to fill in, where files say otherwise than the
+/// manifest, and everything in its frames that is not the sensor's steady behaviour: copies, codes with a step, processing, particle hits, pixels
 /// that change, wrong labels of light, drift, start-up
 #[derive(clap::Args, Debug)]
 #[command(
@@ -49,6 +49,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
 }
 
+/// Loads a capture set, and tells where its files say otherwise than its manifest.
+pub(super) fn opened(path: &Path) -> Result<CaptureSet> {
+    let set = CaptureSet::load(path)?;
+    set.contradictions().iter().for_each(|words| eprintln!("note: {words}"));
+    Ok(set)
+}
+
 fn check(args: &CheckArgs) -> Result<ExitCode> {
     let set = CaptureSet::load(&args.captures)?;
     // Frames of every size and number of bits, those of targets too.
@@ -63,23 +70,25 @@ fn check(args: &CheckArgs) -> Result<ExitCode> {
     if !faults.is_empty() {
         return Err(camrig_base::mistakes::all(faults));
     }
+    let contradictions = set.contradictions();
     let bar = looking(&set)?;
     let looked = Cleaned::look(set, &|n| bar.inc(n as u64))?;
     bar.finish_and_clear();
     let found = looked.findings();
     if args.json {
-        let json = serde_json::json!({ "nuisances": found });
+        let json = serde_json::json!({ "nuisances": found, "contradictions": contradictions });
         println!("{}", serde_json::to_string_pretty(&json).unwrap_or_default());
     } else {
-        for line in found.iter().map(Finding::line) {
+        for line in contradictions.iter().cloned().chain(found.iter().map(Finding::line)) {
             println!("{line}");
         }
         let captures = looked.set().captures.len();
-        let what = match found.len() {
+        let what = match contradictions.len() + found.len() {
             0 => "nothing found".to_string(),
             n => counted(n, "finding"),
         };
         println!("{}, {}: {what}", counted(captures, "capture"), counted(frames, "frame"));
     }
-    Ok(if found.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    let nothing = contradictions.is_empty() && found.is_empty();
+    Ok(if nothing { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

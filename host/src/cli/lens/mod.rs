@@ -460,15 +460,19 @@ fn write_characterisation(
         return Err(Error::input(format!("{} exists already", dir.display()))
             .help("choose another name, or replace it with --force"));
     }
+    let wavelengths_nm = wavelengths.unwrap_or_else(|| Bands::VISIBLE.centres().collect());
+    for note in system.prescription.beyond_data(&wavelengths_nm) {
+        eprintln!("note: {note}");
+    }
     if system.prescription.asymmetry().is_some() {
-        return write_plane(args, system, wavelengths, dir);
+        return write_plane(args, system, wavelengths_nm, dir);
     }
     let max_field_deg = max_field(system, args.max_field)?;
     let plan = Plan {
         heights: usize::from(args.heights),
         density: Some(Density { tolerance: args.psf_tolerance, pixel_um: args.pixel }),
         max_field_deg,
-        wavelengths_nm: wavelengths.unwrap_or_else(|| Bands::VISIBLE.centres().collect()),
+        wavelengths_nm,
         psf_size: usize::from(args.psf_size),
         psf_spacing_um: args.psf_spacing,
         method: args.psf,
@@ -487,7 +491,7 @@ fn write_characterisation(
 fn write_plane(
     args: &TraceArgs,
     system: &System,
-    wavelengths: Option<Vec<f64>>,
+    wavelengths_nm: Vec<f64>,
     dir: &Path,
 ) -> Result<()> {
     let max_field_deg = match args.max_field {
@@ -504,7 +508,7 @@ fn write_plane(
     let plan = PlanePlan {
         frame_mm: field::Map::of(system)?.square_frame_mm(max_field_deg),
         density: Some(Density { tolerance: args.psf_tolerance, pixel_um: args.pixel }),
-        wavelengths_nm: wavelengths.unwrap_or_else(|| Bands::VISIBLE.centres().collect()),
+        wavelengths_nm,
         psf_size: usize::from(args.psf_size),
         psf_spacing_um: args.psf_spacing,
         method: args.psf,

@@ -1,9 +1,10 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
 use super::{PageArgs, dark, object, plus_minus, to_json};
+use crate::cli::captures::opened;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
-use camrig_captures::{CaptureSet, Role};
+use camrig_captures::Role;
 use camrig_measure::{Value, compare, emva, gains, ptc, rates};
 use camrig_report as report;
 use clap::Args as ClapArgs;
@@ -41,7 +42,7 @@ pub struct CompareArgs {
 
 pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
     let WithPage { on: args, page } = args;
-    let set = CaptureSet::load(&args.captures)?;
+    let set = opened(&args.captures)?;
     let has = |role| set.with_role(role).next().is_some();
     if has(Role::Dark) && !has(Role::Flat) && !page.is_wanted() {
         eprintln!(
@@ -97,7 +98,7 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
 }
 
 pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
-    let set = CaptureSet::load(&args.on.captures)?;
+    let set = opened(&args.on.captures)?;
     let result = emva::measure(&set)?;
     let folder = args.on.captures.display().to_string();
     let camera = result.conditions.camera.as_deref().unwrap_or(&folder);
@@ -145,7 +146,7 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
 }
 
 pub fn rates_of(args: &OnCaptures) -> Result<ExitCode> {
-    let series = rates::measure(&CaptureSet::load(&args.captures)?)?;
+    let series = rates::measure(&opened(&args.captures)?)?;
     if args.json {
         println!("{}", json!({ "series": series }));
         return Ok(ExitCode::SUCCESS);
@@ -166,8 +167,7 @@ pub fn rates_of(args: &OnCaptures) -> Result<ExitCode> {
 }
 
 pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
-    let rows =
-        compare::compare(&CaptureSet::load(&args.first)?, &CaptureSet::load(&args.second)?)?;
+    let rows = compare::compare(&opened(&args.first)?, &opened(&args.second)?)?;
     let worst = rows.iter().map(|r| r.z.abs()).fold(0.0, f64::max);
     let gap = rows.iter().map(|r| r.z * r.z).sum::<f64>() / rows.len() as f64;
     // The largest of n standard normals exceeds this in one case of a hundred (Bonferroni).

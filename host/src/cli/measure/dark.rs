@@ -1,6 +1,7 @@
 //! `camrig measure dark`: figures of a stack of dark frames.
 
 use super::{object, plus_minus};
+use crate::cli::captures::opened;
 use camrig_base::output::OutputDir;
 use camrig_base::{Cfa, Error, Result};
 use camrig_captures::{CaptureSet, Role};
@@ -32,7 +33,7 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
     if let [folder] = &args.frames[..]
         && folder.join("captures.toml").is_file()
     {
-        let set = CaptureSet::load(folder)?;
+        let set = opened(folder)?;
         return of_set(&set, args.dn_per_e, args.json);
     }
     let cfa = args.cfa.as_deref().map(Cfa::parse).transpose()?;

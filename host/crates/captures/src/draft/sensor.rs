@@ -37,7 +37,8 @@ impl Sensor {
     /// What the files have in common.
     pub fn of(seen: &[Seen], stacks: &[Stack], known: &Known) -> Self {
         let bits = bits(seen, known);
-        let black = agreed(seen, |s| s.facts.black_level_dn)
+        let black = black_by_place(seen)
+            .or_else(|| agreed(seen, |s| s.facts.black_level_dn))
             .or_else(|| {
                 let share = seen.iter().find_map(|s| s.beside.black_share.clone())?;
                 let dn = share.value * f64::from(1u32 << bits.value?);
@@ -63,6 +64,17 @@ impl Sensor {
             ),
         }
     }
+}
+
+/// A black level that files give for each place of their pattern is none of the whole sensor.
+fn black_by_place(seen: &[Seen]) -> Option<Based<f64>> {
+    let differ = |levels: &&Vec<f64>| levels.iter().any(|level| *level != levels[0]);
+    let mut all = seen.iter().filter_map(|s| Some(&s.facts.dng.as_ref()?.black_levels_dn));
+    let levels: Vec<String> = all.find(differ)?.iter().map(f64::to_string).collect();
+    Some(Based::unknown(format!(
+        "the files say {} by place of the pattern: dark frames tell",
+        levels.join(", ")
+    )))
 }
 
 /// A value that all files say which say one; a value unknown where they contradict one another.

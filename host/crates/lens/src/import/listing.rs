@@ -117,8 +117,15 @@ impl Header {
         self.wavelength_nm = Some(first * 1e3);
         let after: Vec<&str> = words.into_iter().skip_while(|w| *w != "at").skip(1).collect();
         let field: Vec<f64> = after.iter().map_while(|w| w.parse().ok()).collect();
-        self.field_is_length =
-            after.get(field.len()).is_some_and(|unit| unit.trim_matches(['(', ')', '.']) == "mm");
+        let unit = after.get(field.len()).map_or("", |unit| unit.trim_matches(['(', ')', '.']));
+        self.field_is_length = match unit {
+            "mm" => true,
+            "" | "deg" | "degrees" | "°" => false,
+            _ => {
+                return Err(Error::unsupported(format!("a field in {unit}"))
+                    .help("fields are given in degrees or mm: choose lens units of mm"));
+            }
+        };
         self.field = match field[..] {
             [y] => Some([0.0, y]),
             [x, y, ..] => Some([x, y]),
@@ -206,9 +213,11 @@ fn length_um(text: &str) -> Result<f64> {
     let words = words(text);
     let value = number("length", words.first().copied().unwrap_or(""))?;
     match words.get(1).map(|u| u.trim_end_matches('.')) {
+        None | Some("" | "µm" | "μm" | "um" | "micrometers") => Ok(value),
         Some("mm") => Ok(value * 1e3),
         Some("nm") => Ok(value * 1e-3),
-        _ => Ok(value),
+        Some(unit) => Err(Error::unsupported(format!("a data spacing in {unit}"))
+            .help("export the PSF of a focal system, whose spacing is in µm")),
     }
 }
 

@@ -203,6 +203,9 @@ impl File {
                 self.surfaces.push(Draft { line, kind, ..Draft::default() });
             }
             "AFOC" => return refuse("an afocal system"),
+            "VANN" if numbers(keyword, rest)?.iter().any(|deg| *deg != 0.0) => {
+                return refuse("a vignetted pupil that is turned (VANN)");
+            }
             "MNUM" => self.configurations.number(rest)?,
             "RAIM" if rest.get(1) == Some(&"0") => self.notes.push(format!(
                 "line {line}: ray aiming is off in the file (RAIM), so that its program fills the \
@@ -297,6 +300,9 @@ impl Draft {
                 refuse("a tilt or decentre among a surface's properties (SCBD)")?;
             }
             "STOP" => self.stop = true,
+            "IGNR" if numbers(keyword, rest)?.iter().any(|ignored| *ignored != 0.0) => {
+                refuse("a surface that its program leaves out (IGNR)")?;
+            }
             _ => return Ok(known::harmless_of_surface(keyword, rest)),
         }
         Ok(true)
