@@ -5,11 +5,13 @@
 //!
 //! The linearization table is applied to the samples, and the frame is cropped to the active area,
 //! to which pattern and black levels refer. Row and column black-level deltas are not applied,
-//! which a note says.
+//! which a note says. Bad pixels of OpcodeList1, whose places are those of the stored image, go
+//! with the crop; opcodes that are not kept are named in a note.
 
 use super::dng::{color_code, color_letter};
 use super::dng_info::DngInfo;
 use super::ifd::{Ifd, Tiff};
+use super::opcodes::Opcode;
 use super::{Facts, Frames, Taken, full_scale, narrow, opcodes, tiff_samples};
 use camrig_base::{Cfa, Error, Plane, Result};
 use std::cmp::Reverse;
@@ -29,7 +31,9 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let images = directories(&file, &mut notes)?;
     let (main, raw) = (&images[0], choose(&images, &mut notes)?);
     let stored = tiff_samples::read(&file, raw)?;
-    let plane = crop(linear(stored, raw)?, raw)?;
+    let active = active_area(raw, [stored.height, stored.width])?;
+    let plane = linear(stored, raw)?;
+    let plane = active.map(|area| crop(&plane, area)).unwrap_or(plane);
     // The tags decide. Camrig's own note adds the bits, which a white level below full scale does
     // not tell, and the letters of filters that have no code of their own.
     let mut note = Facts::default();
@@ -53,15 +57,17 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             ));
         }
     }
-    facts.notes = notes;
+    notes.extend(tiff_samples::orientation(main.uint(274).or(raw.uint(274)).unwrap_or(1)));
     let exif = main.uint(34665).and_then(|offset| file.ifd(offset as usize).ok());
     facts.taken = exif.as_ref().map(Taken::of_exif).unwrap_or_default();
     facts.taken.noted = true;
-    let mut info = info(main, raw, exif.as_ref())?;
+    let mut info = info(main, raw, exif.as_ref());
+    [info.opcode_list1, info.opcode_list2] = corrections(raw, active, &mut notes)?;
     if black.iter().any(|b| *b != black[0]) {
         info.black_levels_dn = black;
     }
     facts.dng = Some(info);
+    facts.notes = notes;
     Ok(Frames { planes: vec![plane], facts })
 }
 
@@ -176,19 +182,60 @@ fn linear(mut plane: Plane<u16>, raw: &Ifd) -> Result<Plane<u16>> {
     Ok(plane)
 }
 
-fn crop(plane: Plane<u16>, raw: &Ifd) -> Result<Plane<u16>> {
-    let Some(active) = numbers(raw, 50829, "ActiveArea")? else { return Ok(plane) };
+/// Top, left, bottom and right of the active area in an image of a height and a width; `None`
+/// where it is the whole image.
+fn active_area(raw: &Ifd, [height, width]: [usize; 2]) -> Result<Option<[usize; 4]>> {
+    let Some(active) = numbers(raw, 50829, "ActiveArea")? else { return Ok(None) };
     let sides: Vec<usize> = active.iter().map(|&v| v as usize).collect();
     match sides[..] {
         [top, left, bottom, right]
-            if top < bottom && left < right && bottom <= plane.height && right <= plane.width =>
+            if top < bottom && left < right && bottom <= height && right <= width =>
         {
-            let (width, height) = (right - left, bottom - top);
-            Ok(Plane::from_fn(width, height, |x, y| plane.at(left + x, top + y)))
+            let area = [top, left, bottom, right];
+            Ok((area != [0, 0, height, width]).then_some(area))
         }
         _ => Err(Error::input(format!("active area {sides:?}"))
             .help("it is top, left, bottom, right within the image")),
     }
+}
+
+fn crop(plane: &Plane<u16>, [top, left, bottom, right]: [usize; 4]) -> Plane<u16> {
+    Plane::from_fn(right - left, bottom - top, |x, y| plane.at(left + x, top + y))
+}
+
+/// The opcodes of lists 1 and 2 that are kept; a note of the others, those of list 3 among them.
+/// Places of list 1 are those of the stored image, which the active area crops; list 2 comes after
+/// the crop.
+fn corrections(
+    raw: &Ifd,
+    active: Option<[usize; 4]>,
+    notes: &mut Vec<String>,
+) -> Result<[Vec<Opcode>; 2]> {
+    let mut others = Vec::new();
+    let mut list = |tag: u16, name: &str| {
+        let mut skipped = Vec::new();
+        let read = raw.bytes(tag).map(|bytes| opcodes::decode(bytes, &mut skipped));
+        others.extend(skipped.into_iter().map(|what| format!("{what} of {name}")));
+        read.unwrap_or(Ok(Vec::new()))
+    };
+    let (mut first, second) = (list(51008, "OpcodeList1")?, list(51009, "OpcodeList2")?);
+    if let Some(area) = active.map(|area| area.map(|side| side as u32)) {
+        if first.iter().any(|opcode| matches!(opcode, Opcode::GainMap(_))) {
+            others.push("GainMap of OpcodeList1 (on the image before its crop)".into());
+        }
+        first = first.into_iter().filter_map(|opcode| opcode.cropped(area)).collect();
+    }
+    if let Some(bytes) = raw.bytes(51022) {
+        let names = opcodes::names(bytes).unwrap_or_else(|_| vec!["a damaged list".into()]);
+        others.extend(names.into_iter().map(|what| format!("{what} of OpcodeList3")));
+    }
+    if !others.is_empty() {
+        notes.push(format!(
+            "corrections that the file asks for are neither applied nor kept: {}",
+            others.join(", ")
+        ));
+    }
+    Ok([first, second])
 }
 
 /// The pattern of the tags; that of camrig's note where both have the same codes.
@@ -239,11 +286,30 @@ fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
             levels.len()
         )));
     }
-    let cell = |i: usize| levels[(i / width % rows) * columns + i % width % columns];
-    Ok((0..width * height).map(cell).collect())
+    if levels.iter().any(|level| *level < 0.0) {
+        return Err(Error::input(format!("black levels {levels:?}"))
+            .at("BlackLevel (tag 50714)")
+            .help("they are numbers of DN, 0 or more"));
+    }
+    let at = |y: usize, x: usize| levels[y % rows * columns + x % columns];
+    // A cell of the pattern meets all levels that lie whole common divisors apart.
+    let (down, across) = (common_divisor(rows, height), common_divisor(columns, width));
+    if (0..levels.len()).any(|i| levels[i] != at(i / columns % down, i % columns % across)) {
+        return Err(Error::unsupported(format!(
+            "black levels of {rows} x {columns} pixels that differ within the cells of a pattern \
+             of {height} x {width}"
+        ))
+        .at("BlackLevel (tag 50714), BlackLevelRepeatDim (tag 50713)")
+        .help("give one black level, or one for each cell of the colour filter pattern"));
+    }
+    Ok((0..width * height).map(|i| at(i / width, i % width)).collect())
 }
 
-fn info(main: &Ifd, raw: &Ifd, exif: Option<&Ifd>) -> Result<DngInfo> {
+fn common_divisor(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { common_divisor(b, a % b) }
+}
+
+fn info(main: &Ifd, raw: &Ifd, exif: Option<&Ifd>) -> DngInfo {
     let matrix = |tag: u16| -> Option<[[f64; 3]; 3]> {
         let v: [f64; 9] = main.floats(tag)?.try_into().ok()?;
         Some([[v[0], v[1], v[2]], [v[3], v[4], v[5]], [v[6], v[7], v[8]]])
@@ -253,9 +319,8 @@ fn info(main: &Ifd, raw: &Ifd, exif: Option<&Ifd>) -> Result<DngInfo> {
         pairs.into_iter().find(|p| main.uint(p.1) == Some(light)).and_then(|p| matrix(p.0))
     };
     let exif_value = |tag: u16| exif?.floats(tag)?.first().copied();
-    let list = |tag: u16| raw.bytes(tag).map_or(Ok(Vec::new()), opcodes::decode);
     let noise = raw.floats(51041).or_else(|| main.floats(51041)).unwrap_or_default();
-    Ok(DngInfo {
+    DngInfo {
         make: main.text(271).unwrap_or_default(),
         model: main.text(272).unwrap_or_default(),
         description: main.text(270).unwrap_or_default(),
@@ -269,7 +334,7 @@ fn info(main: &Ifd, raw: &Ifd, exif: Option<&Ifd>) -> Result<DngInfo> {
         as_shot_neutral: main.floats(50728).and_then(|v| v.try_into().ok()),
         noise_profile: noise.chunks_exact(2).map(|p| (p[0], p[1])).collect(),
         black_levels_dn: Vec::new(),
-        opcode_list1: list(51008)?,
-        opcode_list2: list(51009)?,
-    })
+        opcode_list1: Vec::new(),
+        opcode_list2: Vec::new(),
+    }
 }

@@ -211,6 +211,15 @@ fn pattern(header: &Header, turned: bool, facts: &mut Facts) -> Option<Cfa> {
     let at = |i: usize| cfa.letter(i % 2 + odd(right), i / 2 + odd(down));
     let letters = (0..4).map(at).collect();
     cfa.letters = letters;
+    let order = header.text("ROWORDER").map(str::trim);
+    if !turned && order.is_none_or(|order| !order.eq_ignore_ascii_case("TOP-DOWN")) {
+        let order = order.map_or("no ROWORDER".into(), |order| format!("ROWORDER = {order:?}"));
+        facts.notes.push(format!(
+            "the file has the pattern {} and {order}: the row stored first is taken as the top \
+             one; if it is the bottom one, the pattern is another",
+            text.trim()
+        ));
+    }
     Some(cfa)
 }
 

@@ -76,13 +76,8 @@ impl<'a> Tiff<'a> {
         for i in 0..count {
             let at = field(i);
             let (tag, kind) = (self.u16(at)?, self.u16(at + 2)?);
-            let size = match kind {
-                1 | 2 | 6 | 7 => 1,
-                3 | 8 => 2,
-                4 | 9 | 11 | 13 => 4,
-                5 | 10 | 12 | 16 | 17 | 18 => 8,
-                _ => continue, // the TIFF specification: skip unknown types
-            };
+            // The TIFF specification: skip unknown types.
+            let Some(size) = size_of(kind) else { continue };
             let length = self.offset(at + 4)?.saturating_mul(size);
             // What fits in place of an offset stands there itself.
             let (place, room) = if self.big { (at + 12, 8) } else { (at + 8, 4) };
@@ -117,6 +112,17 @@ impl<'a> Tiff<'a> {
         }
         Ok(u32_of(self.slice(at, 4)?, self.big_endian) as usize)
     }
+}
+
+/// Bytes of a value of a type.
+fn size_of(kind: u16) -> Option<usize> {
+    Some(match kind {
+        1 | 2 | 6 | 7 => 1,
+        3 | 8 => 2,
+        4 | 9 | 11 | 13 => 4,
+        5 | 10 | 12 | 16 | 17 | 18 => 8,
+        _ => return None,
+    })
 }
 
 fn u64_of(b: &[u8], big_endian: bool) -> u64 {
@@ -164,9 +170,21 @@ impl Ifd<'_> {
                 .map(|b| f32::from_bits(u32_of(b, f.big_endian)).into())
                 .collect(),
             12 => eights.map(|b| f64::from_bits(u64_of(b, f.big_endian))).collect(),
+            6 => f.data.iter().map(|&b| f64::from(b as i8)).collect(),
+            8 => f.data.chunks_exact(2).map(|b| f64::from(f.u16(b) as i16)).collect(),
+            9 => {
+                f.data.chunks_exact(4).map(|b| f64::from(u32_of(b, f.big_endian) as i32)).collect()
+            }
+            17 => eights.map(|b| u64_of(b, f.big_endian) as i64 as f64).collect(),
             _ => self.uints(tag)?.into_iter().map(|v| v as f64).collect(),
         };
         values.iter().all(|v| v.is_finite()).then_some(values)
+    }
+
+    /// The number of values of a field.
+    pub fn count(&self, tag: u16) -> Option<usize> {
+        let field = self.fields.get(&tag)?;
+        Some(field.data.len() / size_of(field.kind)?)
     }
 
     /// The bytes of a field.

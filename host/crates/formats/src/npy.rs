@@ -3,7 +3,8 @@
 //! The writer makes version 1.0, `<u2`, C order, byte for byte as `numpy.save` does. The reader
 //! takes integers and floats of 1 to 8 bytes whose values are whole and fit in 16 bits, in either
 //! byte order, in C or Fortran order. A last axis of one channel, as image readers give grey
-//! frames, is left out: H x W x 1 is one frame, not H frames of one column.
+//! frames, is left out: H x W x 1 is one frame, not H frames of one column. One of two to four
+//! beside longer axes is refused: it is of colours, or of frames that stand last.
 
 use super::{Facts, Frames, area, narrow, truncated};
 use camrig_base::{Error, Plane, Result};
@@ -203,6 +204,13 @@ impl Layout {
         let (count, height, width) = match *header.shape() {
             [height, width] => (1, height, width),
             [height, width, 1] if width > 1 => (1, height, width),
+            [height, width, last @ 2..=4] if height.min(width) > last => {
+                return Err(Error::unsupported(format!("an array of shape {:?}", header.shape()))
+                    .help(
+                        "it looks like rows x columns x colours; frames are H x W or N x H x W: \
+                         np.moveaxis(a, -1, 0) makes frames of it",
+                    ));
+            }
             [count, height, width] | [count, height, width, 1] => (count, height, width),
             _ => {
                 return Err(Error::unsupported(format!("an array of shape {:?}", header.shape()))
@@ -318,6 +326,18 @@ mod tests {
             assert_eq!(found, size, "{shape}");
             let samples: Vec<u16> = frames.planes.into_iter().flat_map(|p| p.data).collect();
             assert_eq!(samples, [1, 2, 3, 4, 5, 6]);
+        }
+    }
+
+    #[test]
+    fn colours_behind_rows_and_columns_are_refused() {
+        let read = |shape: &str, count: usize| decode(&array("|u1", shape, vec![0; count]));
+        for (shape, count) in [("(5, 6, 3)", 90), ("(5, 4, 2)", 40), ("(5, 6, 4)", 120)] {
+            let error = read(shape, count).unwrap_err().to_string();
+            assert!(error.contains("moveaxis(a, -1, 0)"), "{shape}: {error}");
+        }
+        for (shape, count) in [("(3, 5, 6)", 90), ("(9, 2, 2)", 36), ("(5, 6, 5)", 150)] {
+            assert!(read(shape, count).is_ok(), "{shape}");
         }
     }
 

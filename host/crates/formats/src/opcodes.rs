@@ -30,6 +30,22 @@ pub enum Opcode {
     GainMap(GainMap),
 }
 
+impl Opcode {
+    /// The correction of an area (top, left, bottom, right) of the frame that it is of; `None`
+    /// where nothing is left, and for gain maps, whose grid is of the whole frame.
+    pub fn cropped(self, [top, left, bottom, right]: [u32; 4]) -> Option<Self> {
+        let Self::FixBadPixelsList { bayer_phase, points } = self else { return None };
+        let inside = |&(row, column): &(u32, u32)| {
+            (top..bottom).contains(&row) && (left..right).contains(&column)
+        };
+        let points: Vec<_> =
+            points.into_iter().filter(inside).map(|(y, x)| (y - top, x - left)).collect();
+        // The phase's lowest bit is that of its columns, the next one that of its rows.
+        let bayer_phase = bayer_phase ^ (left & 1 | (top & 1) << 1);
+        (!points.is_empty()).then_some(Self::FixBadPixelsList { bayer_phase, points })
+    }
+}
+
 /// A gain map for one phase of the colour filter pattern.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GainMap {
@@ -116,20 +132,64 @@ fn put(bytes: &mut Vec<u8>, values: &[u32]) {
     values.iter().for_each(|v| bytes.extend(v.to_be_bytes()));
 }
 
-/// Reads an opcode list; opcodes of other kinds are skipped.
+/// Names of the opcodes by number, from 1 (chapter 7 and, from 14 on, that of version 1.6).
+const NAMES: [&str; 14] = [
+    "WarpRectilinear",
+    "WarpFisheye",
+    "FixVignetteRadial",
+    "FixBadPixelsConstant",
+    "FixBadPixelsList",
+    "TrimBounds",
+    "MapTable",
+    "MapPolynomial",
+    "GainMap",
+    "DeltaPerRow",
+    "DeltaPerColumn",
+    "ScalePerRow",
+    "ScalePerColumn",
+    "WarpRectilinear2",
+];
+
+/// The name of an opcode, or its number.
+fn name(id: u32) -> String {
+    let known = id.checked_sub(1).and_then(|i| NAMES.get(i as usize));
+    known.map_or_else(|| format!("opcode {id}"), ToString::to_string)
+}
+
+/// The opcodes of a list: number and parameters of each.
+fn entries(bytes: &[u8]) -> Result<Vec<(u32, &[u8])>> {
+    let mut rest = Reader(bytes);
+    let count = rest.u32()?;
+    let entry = |_| {
+        let [id, _version, _flags, length] = rest.u32s()?;
+        Ok((id, rest.take(length as usize)?))
+    };
+    (0..count).map(entry).collect()
+}
+
+/// The names of the opcodes of a list.
+///
+/// # Errors
+/// A list that is cut off.
+pub fn names(bytes: &[u8]) -> Result<Vec<String>> {
+    Ok(entries(bytes)?.into_iter().map(|(id, _)| name(id)).collect())
+}
+
+/// Reads an opcode list. Names of what is passed over, which is opcodes of other kinds and
+/// rectangles of bad pixels, are added to `skipped`.
 ///
 /// # Errors
 /// A list that is cut off, or a gain map of several planes.
-pub fn decode(bytes: &[u8]) -> Result<Vec<Opcode>> {
-    let mut rest = Reader(bytes);
-    let count = rest.u32()?;
+pub fn decode(bytes: &[u8], skipped: &mut Vec<String>) -> Result<Vec<Opcode>> {
     let mut opcodes = Vec::new();
-    for _ in 0..count {
-        let [id, _version, _flags, length] = rest.u32s()?;
-        let mut body = Reader(rest.take(length as usize)?);
+    for (id, body) in entries(bytes)? {
+        let mut body = Reader(body);
         match id {
             FIX_BAD_PIXELS_LIST => {
-                let [bayer_phase, points, _rectangles] = body.u32s()?;
+                let [bayer_phase, points, rectangles] = body.u32s()?;
+                if rectangles > 0 {
+                    skipped.push(format!("{rectangles} rectangle(s) of {}", name(id)));
+                }
                 let points = (0..points)
                     .map(|_| body.u32s().map(|[row, column]| (row, column)))
                     .collect::<Result<_>>()?;
@@ -152,7 +212,7 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Opcode>> {
                 let map = GainMap { area, pitch, points, spacing, origin, gains };
                 opcodes.push(Opcode::GainMap(map));
             }
-            _ => {}
+            _ => skipped.push(name(id)),
         }
     }
     Ok(opcodes)

@@ -1,6 +1,7 @@
 //! Portable grey maps, after netpbm's pgm(5) and pam(5): `P5` (binary), `P2` (in figures) and `P7`
 //! (arbitrary map of one channel). With a maximum above 255 binary samples take two bytes,
-//! big-endian. Several images may follow one another. The bits are those of the maximum value.
+//! big-endian. Several images may follow one another. The bits are those of the maximum value,
+//! which is the white level where it is not all that these bits hold.
 
 use super::{Facts, Frames, area, check_range, full_scale, truncated};
 use camrig_base::{Error, Plane, Result};
@@ -35,6 +36,7 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
     let mut bytes = bytes.trim_ascii_start();
+    let mut maxima = Vec::new();
     while !bytes.is_empty() {
         let mut reader = Reader { bytes, facts: &mut frames.facts };
         let image = reader.image()?;
@@ -46,12 +48,30 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             return Err(Error::unsupported("images of different sizes in one PGM file"));
         }
         frames.planes.push(plane);
-        frames.facts.bits = frames.facts.bits.or(Some(usize::BITS - top.leading_zeros()));
+        maxima.push(top);
     }
-    if frames.planes.is_empty() {
-        return Err(Error::input("an empty file"));
-    }
+    let Some(&top) = maxima.iter().max() else { return Err(Error::input("an empty file")) };
+    levels(&mut frames.facts, top, maxima.iter().any(|other| *other != top));
     Ok(frames)
+}
+
+/// What the largest of the images' maxima says, where camrig's note does not.
+fn levels(facts: &mut Facts, top: usize, differ: bool) {
+    let bits = usize::BITS - top.leading_zeros();
+    facts.bits = facts.bits.or(Some(bits));
+    if differ {
+        facts.notes.push(format!(
+            "the images have different maxima: the largest, {top}, counts for all, and samples \
+             stay as they are"
+        ));
+    }
+    if facts.white_level_dn.is_none() && top != usize::from(full_scale(bits)) {
+        facts.white_level_dn = Some(top as u16);
+        facts.notes.push(format!(
+            "samples go up to {top} by the header: that is taken as the white level, at which \
+             they saturate (--white says another)"
+        ));
+    }
 }
 
 struct Reader<'a, 'f> {
@@ -235,6 +255,22 @@ mod tests {
         assert!(notes.len() == 1 && notes[0].contains("CR LF"), "{notes:?}");
         assert_eq!(read(b"P5 2 1 255\r\x0a\x05"), "2 1 Some(8) [[10, 5]]");
         assert_eq!(read(b"P5\r\n2 1\r\n1023\r\n\0\x05\x03\xff"), "2 1 Some(10) [[5, 1023]]");
+    }
+
+    /// netpbm: the maximum is white.
+    #[test]
+    fn a_maximum_below_what_its_bits_hold_is_the_white_level() {
+        let facts = |bytes: &[u8]| decode(bytes).unwrap().facts;
+        let found = facts(b"P2 2 1 1000 5 1000");
+        assert_eq!((found.bits, found.white_level_dn), (Some(10), Some(1000)));
+        assert!(found.notes[0].contains("up to 1000"), "{:?}", found.notes);
+        let noted = facts(b"P2\n# camrig bits=12 white=900\n2 1 1000 5 1000");
+        assert_eq!((noted.bits, noted.white_level_dn), (Some(12), Some(900)));
+        let full = facts(b"P2 2 1 1023 5 1000");
+        assert_eq!((full.white_level_dn, full.notes), (None, vec![]));
+        let two = facts(b"P2 1 1 255 5\nP2 1 1 4000 6");
+        assert_eq!((two.bits, two.white_level_dn), (Some(12), Some(4000)));
+        assert!(two.notes[0].contains("different maxima"), "{:?}", two.notes);
     }
 
     #[test]

@@ -55,29 +55,44 @@ impl PixelFormat {
     /// separated by `_`.
     ///
     /// # Errors
-    /// No word that is a pixel format, or one of a compressed kind.
+    /// No word that is a pixel format, or one of a compressed kind; words of two pixel formats or
+    /// sizes.
     pub fn from_file_name(path: &Path) -> Result<(Self, Option<(usize, usize)>)> {
         let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or("");
         let size = |word: &str| {
             let (w, h) = word.split_once('x')?;
-            Some((w.parse().ok()?, h.parse().ok()?))
+            Some((w.parse::<usize>().ok()?, h.parse::<usize>().ok()?))
         };
         let words: Vec<&str> = stem.split('_').collect();
-        let format = (0..words.len()).rev().find_map(|last| {
+        let mut formats: Vec<(usize, String, Self)> = Vec::new();
+        let mut end = words.len();
+        while let Some(last) = end.checked_sub(1) {
             // Some names have an underscore: SRGGB10_CSI2P.
             let joined = last.checked_sub(1).map(|i| words[i..=last].join("_"));
-            let found = joined.and_then(|name| names::find(&name));
-            Some((last, found.or_else(|| names::find(words[last]))?))
-        });
-        let (last, pixels) = format.ok_or_else(|| {
-            Error::input(format!("no pixel format in the name {path:?}"))
-                .help("name it like NAME_640x480_SGRBG10P.raw, or give the pixel format")
-        })?;
+            let found = joined.and_then(|name| names::find(&name).map(|f| (last - 1, name, f)));
+            let single = || names::find(words[last]).map(|f| (last, words[last].to_string(), f));
+            let found = found.or_else(single);
+            end = found.as_ref().map_or(last, |(first, ..)| *first);
+            formats.extend(found.map(|(_, name, format)| (last, name, format)));
+        }
+        let Some((last, name, pixels)) = formats.first() else {
+            return Err(Error::input(format!("no pixel format in the name {path:?}"))
+                .help("name it like NAME_640x480_SGRBG10P.raw, or give the pixel format"));
+        };
         if let Some(kind) = words.get(last + 1).filter(|word| names::is_other_layout(word)) {
-            return Err(Error::unsupported(format!("pixel format {}_{kind}", words[last]))
+            return Err(Error::unsupported(format!("pixel format {}_{kind}", words[*last]))
                 .help("pixels in words, MIPI-packed, and packed as GenICam does are read"));
         }
-        Ok((pixels, words.iter().rev().find_map(|w| size(w))))
+        if let Some((_, other, _)) = formats.iter().find(|(.., format)| format != pixels) {
+            return Err(ambiguous(path, "pixel formats", [other, name]));
+        }
+        let sizes: Vec<(&str, (usize, usize))> =
+            words.iter().filter_map(|word| Some((*word, size(word)?))).collect();
+        let Some((word, size)) = sizes.first() else { return Ok((pixels.clone(), None)) };
+        if let Some((other, _)) = sizes.iter().find(|(_, other)| other != size) {
+            return Err(ambiguous(path, "sizes", [word, other]));
+        }
+        Ok((pixels.clone(), Some(*size)))
     }
 
     /// Frames as pixels one after another, rows without padding.
@@ -213,6 +228,14 @@ impl PixelFormat {
         hints.push(format!("{whose} {self}, bytesperline {row_bytes}"));
         hints
     }
+}
+
+/// The error for a name in which either of two words may count.
+fn ambiguous(path: &Path, what: &str, [one, other]: [&str; 2]) -> Error {
+    Error::input(format!("two {what} in the name {path:?}: {one} and {other}")).help(
+        "rename the file so that it has one, like NAME_640x480_SGRBG10P.raw; convert takes \
+         --from, --width and --height instead of the name's",
+    )
 }
 
 /// Frames in a file of which the length of padded rows is guessed: more would be a coincidence.

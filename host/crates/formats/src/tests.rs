@@ -215,12 +215,113 @@ fn what_a_dng_reader_does_not_apply_is_said_or_refused() {
     let data: Vec<u8> = (1..9u16).flat_map(|v| v.to_le_bytes()).collect();
     let frames = decode(&by_hand(4, 2, &data, tags)).unwrap();
     assert!(frames.facts.notes[0].contains("BlackLevelDelta"), "{:?}", frames.facts.notes);
-    for (tag, said) in [((50711, 3, 1, 2), "CFALayout"), ((259, 3, 1, 34892), "lossy")] {
+    for (tag, said) in [
+        ((50711, 3, 1, 2), "CFALayout"),
+        ((259, 3, 1, 34892), "lossy"),
+        ((266, 3, 1, 2), "FillOrder 2"),
+        ((50974, 3, 2, 2 << 16 | 1), "SubTileBlockSize 2"),
+        ((50975, 4, 1, 2), "RowInterleaveFactor 2"),
+        ((52547, 4, 1, 2), "ColumnInterleaveFactor 2"),
+    ] {
         let mut tags = plain_strip(4000);
         tags.retain(|t| t.0 != tag.0);
         tags.push(tag);
         let error = decode(&by_hand(4, 2, &data, tags)).unwrap_err().to_string();
         assert!(error.contains(said), "{error}");
+    }
+}
+
+/// Levels that repeat otherwise than the pattern are read where that makes no difference: 3 x 1,
+/// 4 x 1, 1 x 4 and 2 x 2 over a pattern of 2 x 2, and over one sample per pixel.
+#[test]
+fn black_levels_go_by_the_cells_of_the_pattern() {
+    let of = |[rows, columns]: [u32; 2], levels: [u16; 4], linear: bool| {
+        let mut tags = plain_strip(4000);
+        tags.push((50713, 3, 2, columns << 16 | rows));
+        tags.push((50714, 3, rows * columns, 8));
+        let data = levels.into_iter().chain([0; 4]).flat_map(u16::to_le_bytes);
+        let mut file = by_hand(4, 2, &data.collect::<Vec<_>>(), tags);
+        if linear {
+            let at = file.windows(4).position(|w| w == [6, 1, 3, 0]).unwrap(); // tag 262
+            file[at + 8..at + 10].copy_from_slice(&34892u16.to_le_bytes());
+        }
+        decode(&file).map(|f| (f.facts.black_level_dn, f.facts.dng.unwrap().black_levels_dn))
+    };
+    let each = vec![5.0, 6.0, 7.0, 8.0];
+    assert_eq!(of([2, 2], [5, 6, 7, 8], false).unwrap(), (Some(6.5), each));
+    assert_eq!(of([4, 1], [5, 6, 5, 6], false).unwrap(), (Some(5.5), vec![5.0, 5.0, 6.0, 6.0]));
+    assert_eq!(of([1, 4], [5, 6, 5, 6], false).unwrap(), (Some(5.5), vec![5.0, 6.0, 5.0, 6.0]));
+    assert_eq!(of([3, 1], [5, 5, 5, 0], false).unwrap(), (Some(5.0), vec![]));
+    assert_eq!(of([2, 2], [5, 5, 5, 5], true).unwrap(), (Some(5.0), vec![]));
+    for (sides, levels, linear) in [
+        ([3, 1], [5, 6, 7, 0], false),
+        ([4, 1], [5, 6, 7, 6], false),
+        ([1, 4], [5, 6, 5, 7], false),
+        ([2, 2], [5, 6, 5, 6], true),
+    ] {
+        let error = of(sides, levels, linear).unwrap_err().to_string();
+        assert!(error.contains("differ within the cells"), "{sides:?} {levels:?}: {error}");
+    }
+}
+
+/// Signed integers are plain numbers; negative levels are none.
+#[test]
+fn black_levels_of_signed_types_are_read() {
+    for (kind, value, negative) in [(6, 64, 0xC0), (8, 64, 0xFFC0), (9, 64, 0xFFFF_FFC0)] {
+        let of = |value| {
+            let mut tags = plain_strip(4000);
+            tags.push((50714, kind, 1, value));
+            decode(&by_hand(4, 2, &[0; 16], tags))
+        };
+        assert_eq!(of(value).unwrap().facts.black_level_dn, Some(64.0), "type {kind}");
+        let error = of(negative).unwrap_err().to_string();
+        assert!(error.contains("-64") && error.contains("BlackLevel"), "{error}");
+    }
+}
+
+/// Bad pixels of list 1 have their places in the stored image, gain maps of list 2 theirs in the
+/// active area; what is not kept is told, and so is an orientation.
+#[test]
+fn corrections_go_with_the_crop_and_others_are_told() {
+    let word = |v: u32| v.to_be_bytes();
+    let opcode = |id: u32, body: &[u32]| {
+        let head = [id, 0x0103_0000, 0, 4 * body.len() as u32];
+        head.iter().chain(body).flat_map(|v| word(*v)).collect::<Vec<u8>>()
+    };
+    // Points (1, 2), (0, 0) and (2, 3), and a rectangle.
+    let bad = opcode(5, &[0, 3, 1, 1, 2, 0, 0, 2, 3, 0, 0, 1, 1]);
+    let first = [&word(2)[..], &bad, &opcode(7, &[0])].concat();
+    let third = [&word(2)[..], &opcode(1, &[]), &opcode(77, &[])].concat();
+    let area = [1u32, 2, 3, 4].map(u32::to_le_bytes).concat();
+    let samples: Vec<u8> = (0..12u16).flat_map(u16::to_le_bytes).collect();
+    let place = |parts: &[&[u8]]| 8 + parts.iter().map(|p| p.len()).sum::<usize>() as u32;
+    let mut tags = plain_strip(4000);
+    tags.retain(|t| ![278, 279].contains(&t.0));
+    tags.extend([(278, 4, 1, 3), (279, 4, 1, 24), (274, 3, 1, 3)]);
+    tags.push((50829, 4, 4, place(&[&samples])));
+    tags.push((51008, 7, first.len() as u32, place(&[&samples, &area])));
+    tags.push((51022, 7, third.len() as u32, place(&[&samples, &area, &first])));
+    let facts = |tags: Tags| {
+        let data = [&samples[..], &area, &first, &third].concat();
+        decode(&by_hand(4, 3, &data, tags)).unwrap().facts
+    };
+    let whole = facts(tags.iter().copied().filter(|t| t.0 != 50829).collect());
+    let points = |bayer_phase, points| vec![Opcode::FixBadPixelsList { bayer_phase, points }];
+    let kept = whole.dng.unwrap().opcode_list1;
+    assert_eq!(kept, points(0, vec![(1, 2), (0, 0), (2, 3)]));
+    let cropped = facts(tags);
+    // Rows from 1 on: the phase is that of a green pixel beside blue ones.
+    assert_eq!(cropped.dng.unwrap().opcode_list1, points(2, vec![(0, 0), (1, 1)]));
+    // A gain map's grid is of the whole image.
+    let gains = info().opcode_list2.remove(0);
+    assert_eq!((gains.clone().cropped([0, 0, 1, 1]), gains.cropped([1, 2, 3, 4])), (None, None));
+    let notes = cropped.notes.join("; ");
+    for said in [
+        "1 rectangle(s) of FixBadPixelsList of OpcodeList1, MapTable of OpcodeList1, \
+         WarpRectilinear of OpcodeList3, opcode 77 of OpcodeList3",
+        "turned by 180 degrees (Orientation 3)",
+    ] {
+        assert!(notes.contains(said), "{notes}");
     }
 }
 
@@ -524,7 +625,8 @@ proptest! {
         bytes.extend(rest);
         let _ = decode(&bytes);
         let _ = csi2::decode_stream(&bytes);
-        let _ = opcodes::decode(&bytes);
+        let _ = opcodes::decode(&bytes, &mut Vec::new());
+        let _ = opcodes::names(&bytes);
     }
 
     #[test]

@@ -63,6 +63,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             frames.facts.bits = page.bits;
             frames.facts.taken = Taken::of_tiff(bytes);
             frames.facts.merge_note(&description);
+            frames.facts.notes.extend(tiff_samples::orientation(page.orientation));
             if page.white_is_zero {
                 frames.facts.notes.push(
                     "the file calls 0 white (PhotometricInterpretation WhiteIsZero): its samples \
@@ -98,6 +99,7 @@ struct Page {
     /// Bits per sample, where samples are unsigned integers of at most 16.
     bits: Option<u32>,
     white_is_zero: bool,
+    orientation: u64,
 }
 
 impl Page {
@@ -116,6 +118,8 @@ impl Page {
         };
         let uncompressed = number(Tag::Compression, 1) == Some(1);
         let white_is_zero = number(Tag::PhotometricInterpretation, 1) == Some(0);
+        let orientation = number(Tag::Orientation, 1).unwrap_or(1).into();
+        tiff_samples::check_fill_order(number(Tag::FillOrder, 1).unwrap_or(0).into())?;
         // Checked before the pixels are read, so that a forged size costs no memory.
         if uncompressed {
             let bits = super::area(width, height)?.saturating_mul(usize::from(depth));
@@ -126,7 +130,7 @@ impl Page {
         let bits = (depth <= 16).then_some(u32::from(depth));
         if !matches!(depth, 8 | 16 | 32 | 64) {
             let plane = packed(file, bytes, depth, uncompressed)?;
-            return Ok(Self { plane, bits, white_is_zero });
+            return Ok(Self { plane, bits, white_is_zero, orientation });
         }
         let image = file.read_image().map_err(failed)?;
         let whole = matches!(image, DecodingResult::U8(_) | DecodingResult::U16(_));
@@ -136,7 +140,7 @@ impl Page {
             return Err(Error::input(text));
         }
         let plane = Plane { width, height, data };
-        Ok(Self { plane, bits: bits.filter(|_| whole), white_is_zero })
+        Ok(Self { plane, bits: bits.filter(|_| whole), white_is_zero, orientation })
     }
 }
 
@@ -202,6 +206,21 @@ mod tests {
     /// A little-endian page of 3 x 2 with one strip.
     fn page(bits: u16, photometric: u16, format: u16, strip: &[u8]) -> Vec<u8> {
         described([bits, photometric, format], strip, strip.len(), "images")
+    }
+
+    /// Such a page of six words with one more field of a value.
+    fn with_field(tag: u16, kind: u16, count: u32, value: u32) -> Vec<u8> {
+        let mut bytes = page(16, 1, 1, &bytes_of(DN.map(u16::to_le_bytes)));
+        // In place of the description, field 5 of the directory, the last one: SampleFormat.
+        let at = 10 + 10 * 12;
+        let field = [
+            &tag.to_le_bytes()[..],
+            &kind.to_le_bytes(),
+            &count.to_le_bytes(),
+            &value.to_le_bytes(),
+        ];
+        bytes[at..at + 12].copy_from_slice(&field.concat());
+        bytes
     }
 
     /// Such a page with a description and then `data`, of which the first `length` bytes are its
@@ -306,6 +325,22 @@ mod tests {
             let frames = decode(&file(&words, text)).unwrap();
             assert_eq!((frames.planes.len(), frames.facts.notes), (1, vec![]), "{text}");
         }
+    }
+
+    /// Fields that would change the samples are refused, an orientation is told.
+    #[test]
+    fn fields_that_samples_depend_on_are_refused_or_told() {
+        let reversed = decode(&with_field(266, 3, 1, 2)).unwrap_err().to_string();
+        assert!(reversed.contains("reversed bits (FillOrder 2)"), "{reversed}");
+        assert_eq!(decode(&with_field(266, 3, 1, 1)).unwrap().planes[0].data, DN);
+        // Two fractions; the first bytes of the file will do.
+        let stack = decode(&with_field(33629, 5, 2, 0)).unwrap_err().to_string();
+        assert!(stack.contains("2 planes in 1 page"), "{stack}");
+        assert_eq!(decode(&with_field(33629, 5, 1, 0)).unwrap().planes[0].data, DN);
+        let turned = decode(&with_field(274, 3, 1, 6)).unwrap();
+        assert_eq!(turned.planes[0].data, DN);
+        assert!(turned.facts.notes[0].contains("Orientation 6"), "{:?}", turned.facts.notes);
+        assert_eq!(decode(&with_field(274, 3, 1, 1)).unwrap().facts.notes, [""; 0]);
     }
 
     #[test]

@@ -47,9 +47,8 @@ pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
         ))
         .help("one sample of 8 to 16 bits is read"));
     }
-    if raw.uint(266).is_some_and(|order| order != 1) {
-        return Err(Error::unsupported("a raw image with reversed bits (FillOrder 2)"));
-    }
+    check_order(raw)?;
+    check_fill_order(raw.uint(266).unwrap_or(1))?;
     let mut plane = stored(file, raw, (width, height), (bits as usize, compression))?;
     if format == SIGNED {
         for sample in &mut plane.data {
@@ -58,6 +57,59 @@ pub(super) fn read(file: &Tiff, raw: &Ifd) -> Result<Plane<u16>> {
         }
     }
     Ok(plane)
+}
+
+/// Refuses rows and columns that are stored in another order than they lie (DNG 1.2 to 1.7).
+fn check_order(raw: &Ifd) -> Result<()> {
+    for (tag, name) in [
+        (50974, "SubTileBlockSize"),
+        (50975, "RowInterleaveFactor"),
+        (52547, "ColumnInterleaveFactor"),
+    ] {
+        let values = raw.uints(tag).unwrap_or_default();
+        if let Some(value) = values.iter().find(|value| **value != 1) {
+            return Err(Error::unsupported(format!(
+                "a raw image of interleaved samples ({name} {value})"
+            ))
+            .at(format!("{name} (tag {tag})"))
+            .help(
+                "samples are read that are stored in the order of rows and columns: convert it \
+                 with Adobe DNG Converter, or save it without interleaving",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses bytes whose lowest bit is the first (FillOrder 2).
+pub(super) fn check_fill_order(order: u64) -> Result<()> {
+    match order {
+        1 => Ok(()),
+        _ => {
+            Err(Error::unsupported(format!("a raw image with reversed bits (FillOrder {order})"))
+                .at("FillOrder (tag 266)")
+                .help("save it with FillOrder 1, for instance with tiffcp -f msb2lsb"))
+        }
+    }
+}
+
+/// A note of an orientation that viewers apply and a raw frame does not: a frame turned as a
+/// picture would have another pattern.
+pub(super) fn orientation(value: u64) -> Option<String> {
+    let shown = match value {
+        2 => "mirrored left to right",
+        3 => "turned by 180 degrees",
+        4 => "mirrored top to bottom",
+        5 => "with rows and columns exchanged",
+        6 => "turned clockwise by 90 degrees",
+        7 => "with rows and columns exchanged, turned by 180 degrees",
+        8 => "turned counterclockwise by 90 degrees",
+        _ => return None, // as stored, or not known
+    };
+    Some(format!(
+        "the file is to be shown {shown} (Orientation {value}): its rows and columns stay as \
+         stored, and what is written from them does not say so"
+    ))
 }
 
 /// The field of a directory, of which it must have one.

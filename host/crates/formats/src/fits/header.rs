@@ -177,18 +177,49 @@ impl Header {
         Ok(bytes.min(isize::MAX as usize))
     }
 
+    /// Refuses planes of red, green and blue, which are a developed picture, not three frames.
+    fn check_colours(&self, axes: [usize; 3]) -> Result<()> {
+        let rgb = |key: &str| self.text(key).is_some_and(|t| t.trim().eq_ignore_ascii_case("RGB"));
+        let of_axis = (1..).zip(axes).filter(|(_, length)| *length == 3);
+        let mut keys: Vec<String> = of_axis.map(|(axis, _)| format!("CTYPE{axis}")).collect();
+        if axes[2] == 3 {
+            keys.push("COLORTYP".into());
+        }
+        match keys.into_iter().find(|key| rgb(key)) {
+            None => Ok(()),
+            Some(key) => Err(Error::unsupported("a FITS image of colour planes (RGB)")
+                .at(format!("FITS keyword {key}"))
+                .help(
+                    "developed colours are not raw: save the frame before its colours are \
+                     interpolated, or each plane as an image of its own if they are frames",
+                )),
+        }
+    }
+
     /// How the image is stored.
     pub fn image(&self) -> Result<Image> {
         let z = if self.is_compressed() { "Z" } else { "" };
         let naxis = self.length(&format!("{z}NAXIS"))?;
-        if !(2..=3).contains(&naxis) {
+        if !(2..=999).contains(&naxis) {
             let error = self.bad(&format!("{z}NAXIS"));
             return Err(error.help("an image has two axes, a stack three"));
         }
         let mut axes = [0, 0, 1];
-        for (axis, length) in axes.iter_mut().take(naxis).enumerate() {
-            *length = self.length(&format!("{z}NAXIS{}", axis + 1))?;
+        for axis in 0..naxis {
+            let key = format!("{z}NAXIS{}", axis + 1);
+            let length = self.length(&key)?;
+            match axes.get_mut(axis) {
+                Some(place) => *place = length,
+                None if length == 1 => {}
+                None => {
+                    let error = self.bad(&key);
+                    return Err(
+                        error.help("an image has two axes, a stack three, others one value")
+                    );
+                }
+            }
         }
+        self.check_colours(axes)?;
         let bitpix = self.integer(&format!("{z}BITPIX"))?;
         if !matches!(bitpix, 8 | 16 | 32 | 64 | -32 | -64) {
             return Err(self.bad(&format!("{z}BITPIX")).help("it is 8, 16, 32, 64, -32 or -64"));

@@ -142,11 +142,14 @@ fn patterns_of_camera_programs_are_read() {
     };
     let stored = vec![1, 2, 3, 4, 5, 6];
     let told = |name: &str| Some(name.to_string());
-    let rggb = ("BAYERPAT", "'RGGB    '");
-    assert_eq!(pattern(&[rggb]), (stored.clone(), told("RGGB"), String::new()));
-    let shifted = [rggb, ("XBAYROFF", "1"), ("YBAYROFF", "0")];
+    let (rggb, top) = (("BAYERPAT", "'RGGB    '"), ("ROWORDER", "'TOP-DOWN'"));
+    assert_eq!(pattern(&[rggb, top]), (stored.clone(), told("RGGB"), String::new()));
+    let (samples, cfa, note) = pattern(&[rggb]);
+    assert_eq!((samples, cfa), (stored.clone(), told("RGGB")));
+    assert!(note.contains("no ROWORDER"), "{note}");
+    let shifted = [rggb, top, ("XBAYROFF", "1"), ("YBAYROFF", "0")];
     assert_eq!(pattern(&shifted), (stored.clone(), told("GRBG"), String::new()));
-    let down = [rggb, ("XBAYROFF", "0"), ("YBAYROFF", "-1.0")];
+    let down = [rggb, top, ("XBAYROFF", "0"), ("YBAYROFF", "-1.0")];
     assert_eq!(pattern(&down), (stored.clone(), told("GBRG"), String::new()));
     let (samples, cfa, note) = pattern(&[rggb, ("ROWORDER", "'BOTTOM-UP'")]);
     assert_eq!((samples, cfa), (vec![4, 5, 6, 1, 2, 3], told("RGGB")));
@@ -155,6 +158,33 @@ fn patterns_of_camera_programs_are_read() {
     assert!(cfa.is_none() && note.contains("TRUE"), "{note}");
     let (_, cfa, note) = pattern(&[rggb, ("YBAYROFF", "1"), ("ROWORDER", "'BOTTOM-UP'")]);
     assert!(cfa.is_none() && note.contains("YBAYROFF"), "{note}");
+}
+
+/// Axes of one value say nothing; planes of colours are no frames.
+#[test]
+fn further_axes_are_read_or_refused() {
+    let of = |sizes: &[&str], more: &[(&str, &str)]| {
+        let axes = sizes.len().to_string();
+        let keys: Vec<String> = (1..=sizes.len()).map(|axis| format!("NAXIS{axis}")).collect();
+        let mut cards = vec![("SIMPLE", "T"), ("BITPIX", "8"), ("NAXIS", axes.as_str())];
+        cards.extend(keys.iter().map(String::as_str).zip(sizes.iter().copied()));
+        cards.extend(more);
+        let frames =
+            decode(&unit(&cards, &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 0, 0, 0, 0, 0, 0]));
+        frames.map(|f| [f.width(), f.height(), f.planes.len()]).map_err(|e| e.to_string())
+    };
+    assert_eq!(of(&["3", "2", "1", "1"], &[]), Ok([3, 2, 1]));
+    assert_eq!(of(&["3", "2", "2", "1", "1"], &[]), Ok([3, 2, 2]));
+    let error = of(&["3", "2", "1", "2"], &[]).unwrap_err();
+    assert!(error.contains("NAXIS4"), "{error}");
+    assert_eq!(of(&["3", "2", "3"], &[]), Ok([3, 2, 3]));
+    assert_eq!(of(&["3", "2", "2"], &[("COLORTYP", "'RGB'")]), Ok([3, 2, 2]));
+    for (sizes, key) in
+        [(["3", "2", "3"], "CTYPE3"), (["3", "2", "3"], "COLORTYP"), (["3", "2", "2"], "CTYPE1")]
+    {
+        let error = of(&sizes, &[(key, "'rgb     '")]).unwrap_err();
+        assert!(error.contains("colour planes") && error.contains(key), "{error}");
+    }
 }
 
 #[test]

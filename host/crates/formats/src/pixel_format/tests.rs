@@ -50,6 +50,18 @@ fn file_names_say_format_and_size() {
     assert_eq!(of("a_BayerRG12p_64x48.RAW"), "BayerRG12p Some((64, 48))");
     assert!(of("a_64x48_SRGGB10_IPU3.raw").contains("SRGGB10_IPU3"));
     assert!(of("a_64x48_RGGB.raw").contains("no pixel format"));
+    // The same said twice, and factors that are no sizes.
+    assert_eq!(of("SRGGB10P_64x48_64x48_pRAA.raw"), "SRGGB10P Some((64, 48))");
+    assert_eq!(of("8x_64x48_SRGGB12_x2.raw"), "SRGGB12 Some((64, 48))");
+    for (name, said) in [
+        ("a_64x48_SRGGB12_2x2.raw", "two sizes"),
+        ("a_64x48_SRGGB12_2x2.raw", "64x48 and 2x2"),
+        ("SRGGB12_64x48_Y8.raw", "two pixel formats"),
+        ("SRGGB12_64x48_R10.raw", "SRGGB12 and R10"),
+        ("Y8_64x48_SRGGB10_CSI2P.raw", "Y8 and SRGGB10_CSI2P"),
+    ] {
+        assert!(of(name).contains(said) && of(name).contains("--from"), "{}", of(name));
+    }
     assert!(PixelFormat::is_headerless(Path::new("a.RAW")));
     assert!(PixelFormat::is_headerless(Path::new("a.Bin")));
 }

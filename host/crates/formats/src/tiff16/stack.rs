@@ -1,6 +1,6 @@
 //! Stacks of which only the first frame has a page. ImageJ (above 4 GiB) and tifffile
 //! (`truncate=True`) write all frames one behind another, and a directory of the first, whose
-//! description says how many they are.
+//! description says how many they are. MetaMorph's stacks, which count them in a tag, are refused.
 
 use super::{Page, failed};
 use crate::Frames;
@@ -13,6 +13,9 @@ use tiff::tags::Tag;
 /// What tifffile writes into the description of a stack of one page.
 const TRUNCATED: &str = "\"truncated\": true";
 
+/// MetaMorph's tag of the times and distances of its planes, one value per plane.
+const UIC2: u16 = 33629;
+
 /// Reads the frames behind those of the pages, where the first page's description says that there
 /// are more of them than pages.
 ///
@@ -20,6 +23,15 @@ const TRUNCATED: &str = "\"truncated\": true";
 /// Frames that are not there, or not uncompressed behind the only page's.
 pub(super) fn further(frames: &mut Frames, description: &str, bytes: &[u8]) -> Result<()> {
     let pages = frames.planes.len();
+    let first = Tiff::open(bytes).and_then(|tiff| tiff.ifd(tiff.first()?));
+    let planes = first.as_ref().ok().and_then(|first| first.count(UIC2));
+    if let Some(planes) = planes.filter(|planes| *planes > pages) {
+        return Err(Error::unsupported(format!(
+            "a MetaMorph stack (STK) of {planes} planes in {pages} page(s)"
+        ))
+        .at(format!("UIC2Tag (tag {UIC2})"))
+        .help("save it as a TIFF with a page per frame, for instance with ImageJ"));
+    }
     let Some(said) = announced(description, frames.planes[0].data.len()) else { return Ok(()) };
     let hidden = pages > 1 && said > 1 && description.contains(TRUNCATED);
     if said <= pages && !hidden {
@@ -47,8 +59,7 @@ pub(super) fn further(frames: &mut Frames, description: &str, bytes: &[u8]) -> R
         return refused("and that ends before them");
     }
     // Both programs write the directory first: behind the frame it would be taken for samples.
-    let tiff = Tiff::open(bytes)?;
-    if tiff.ifd(tiff.first()?)?.reach > start {
+    if first?.reach > start {
         return refused("with other data behind the first");
     }
     // The page is read again with each frame's bytes in place of its own.
