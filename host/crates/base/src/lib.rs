@@ -48,6 +48,7 @@ mod spectrum;
 pub mod stop;
 pub mod table;
 mod table_form;
+mod table_header;
 mod table_quantity;
 pub mod tails;
 pub mod toml_text;

@@ -8,7 +8,7 @@
 
 use crate::spectrum::Outside;
 use crate::table_form::{Form, content};
-pub use crate::table_quantity::{Quantity, Wanted};
+pub use crate::table_quantity::Wanted;
 use crate::{Error, Result, Spectrum};
 use std::borrow::Cow;
 use std::path::Path;
@@ -24,8 +24,8 @@ pub struct SpectralTable {
     pub wavelength_nm: Vec<f64>,
     /// Curve names and values in the order of the file's columns.
     pub curves: Vec<(String, Vec<f64>)>,
-    /// What the values of the curves are, by the header; [`SpectralTable::convert`] converts them.
-    pub quantities: Vec<Quantity>,
+    /// What the header says of each curve, in full; [`SpectralTable::convert`] goes by it.
+    pub(crate) headers: Vec<String>,
     /// What the file says of wavelengths outside.
     pub outside: Option<Outside>,
     /// What was assumed, for the user.
@@ -101,8 +101,8 @@ impl SpectralTable {
             curves.iter_mut().for_each(|(_, values)| values.reverse());
         }
         let outside = outside(text)?;
-        let quantities = form.quantities;
-        Ok(Self { wavelength_nm, curves, quantities, outside, remarks, name: None })
+        let headers = form.headers;
+        Ok(Self { wavelength_nm, curves, headers, outside, remarks, name: None })
     }
 
     /// The table with the name that remarks call it by.
@@ -264,6 +264,8 @@ mod tests {
             "Wavelength,Power\nnm,W/m2\n400,0.5\n410.5,0.25\n",
             "Spectrometer 1\nDate: today\n>>>Begin Spectral Data<<<\n400 0.5\n410.5 0.25\n",
             "wavelength, power\n0.4, 5e-1\n0.4105, 0.25\n",
+            ">>>>>Begin Spectral Data<<<<<\n400 0.5\n410.5 0.25\n>>>>>End Spectral Data<<<<<\n",
+            "400 0.5\n410.5 0.25\n>>>>>End Processed Spectral Data<<<<<\n\n",
         ] {
             let table = SpectralTable::parse(text).unwrap_or_else(|e| panic!("{text:?}: {e}"));
             assert_eq!(table.wavelength_nm.len(), 2, "{text:?}");
@@ -276,10 +278,20 @@ mod tests {
         assert!(assumed[0].contains("no header") && assumed[0].contains("µm"), "{assumed:?}");
         let two = "Wavelength,r,g\nnm,%,A/W\n400,50,0.1\n";
         let two = SpectralTable::parse(two).unwrap();
-        assert_eq!(two.quantities, [Quantity::Percent, Quantity::Responsivity(1.0)]);
+        assert_eq!(two.headers, ["r (%)", "g (A/W)"]);
         assert!(two.column("g") == Some(1) && two.remarks.is_empty(), "{two:?}");
         let table = SpectralTable::parse("nm,r (%),g (%)\n400,50,60\n").unwrap();
-        assert_eq!((table.quantities[1], table.column("g")), (Quantity::Percent, Some(1)));
+        assert_eq!((&table.headers[1][..], table.column("g")), ("g (%)", Some(1)));
+    }
+
+    #[test]
+    fn what_stands_below_the_end_of_a_table_is_told() {
+        let text = "nm,power\n400,1\n410,2\n>>>>>End Spectral Data<<<<<\n400,3\n410,4\n";
+        let table = SpectralTable::parse(text).unwrap();
+        assert_eq!(table.curves[0].1, [1.0, 2.0]);
+        assert!(table.remarks[0].contains("2 lines, is passed over"), "{:?}", table.remarks);
+        let none = SpectralTable::parse("nm,power\n>>>End<<<\n400,3\n").unwrap_err().to_string();
+        assert!(none.contains("no lines below its header"), "{none}");
     }
 
     #[test]
@@ -305,12 +317,12 @@ mod tests {
     fn damage_is_survived() {
         let text = "\u{feff}Wavelength (nm);\"QE, %\"\r\n400;0,5\r\n410,5;-0,25\r\n";
         for (i, _) in text.char_indices() {
-            for piece in ["", ",", ";", "\t", "\"", "\n", "µ", "(", "1e999", "-", "#"] {
+            for piece in ["", ",", ";", "\t", "\"", "\n", "µ", "(", "1e999", "-", "#", "İ-1"] {
                 let damaged = format!("{}{piece}{}", &text[..i], &text[i..]);
                 for text in [&damaged[..], &text[..i], &text[i..]] {
                     if let Ok(mut table) = SpectralTable::parse(text) {
                         table.clip_noise();
-                        let _ = table.spectrum(0);
+                        let _ = (table.spectrum(0), table.convert(Wanted::Power));
                     }
                 }
             }

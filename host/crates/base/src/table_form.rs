@@ -1,6 +1,6 @@
 //! How the lines of a spectral table are written: separator, decimals, header and unit.
 
-use crate::table_quantity::Quantity;
+use crate::numbers::counted;
 use crate::{Error, Result};
 
 /// Wavelengths in nm and in µm, to tell one unit from the other where nothing says it.
@@ -11,8 +11,29 @@ const OPTICAL_NM: std::ops::RangeInclusive<f64> = 10.0..=100_000.0;
 /// Lines that an instrument may write above its table.
 const MOST_HEADER_LINES: usize = 100;
 
-/// The lines of a text that are neither blank nor remarks, with their numbers from 1.
+/// The lines of a table that are neither blank nor remarks, with their numbers from 1: those above
+/// the line that ends it, if there is one.
 pub fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    lines(text).take_while(|(_, line)| !is_end(line))
+}
+
+/// What stands below the line that ends a table, in words.
+fn below_end(text: &str) -> Option<String> {
+    let mut rest = lines(text).skip_while(|(_, line)| !is_end(line));
+    let (_, end) = rest.next()?;
+    let below = rest.count();
+    let lines = counted(below, "line");
+    (below > 0).then(|| format!("what stands below {end:?}, {lines}, is passed over"))
+}
+
+/// Whether a line ends a table, as that of a spectrometer: `>>>>>End Spectral Data<<<<<`.
+fn is_end(line: &str) -> bool {
+    let words = line.trim_start_matches('>');
+    line.starts_with(">>>") && words.get(..3).is_some_and(|end| end.eq_ignore_ascii_case("end"))
+}
+
+/// The lines of a text that are neither blank nor remarks, with their numbers from 1.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     // `sep=;` is a word of spreadsheets to each other.
     let remark = |line: &str| line.starts_with(['#', '%']) || line.starts_with("sep=");
@@ -26,8 +47,8 @@ pub struct Form {
     pub header_lines: usize,
     /// Names of the columns behind that of wavelengths.
     pub names: Vec<String>,
-    /// What the values of those columns are.
-    pub quantities: Vec<Quantity>,
+    /// What the header says of those columns: names, units, remarks; empty without one.
+    pub headers: Vec<String>,
     unit: Option<Unit>,
 }
 
@@ -113,15 +134,16 @@ impl Form {
         if let Some(separator) = separator_of(first) {
             let columns = separator.fields(first).len() - 1;
             let names = (1..=columns).map(|n| format!("column {n}")).collect();
-            let quantities = vec![Quantity::Plain; columns];
-            let form = Self { separator, header_lines: 0, names, quantities, unit: None };
-            return Ok((form, vec![]));
+            let headers = vec![String::new(); columns];
+            let form = Self { separator, header_lines: 0, names, headers, unit: None };
+            return Ok((form, below_end(text).into_iter().collect()));
         }
         let (header_lines, numbers, separator) = first_numbers(text)?;
         let columns = separator.fields(numbers).len() - 1;
         let header: Vec<&str> = content(text).map(|(_, line)| line).take(header_lines).collect();
         let (used, header) = joined(&header, separator, columns);
         let (form, mut remarks) = Self::with_header(&header, header_lines, separator, columns)?;
+        remarks.extend(below_end(text));
         if header_lines > used {
             let passed = header_lines - used;
             remarks.push(format!("its first {passed} lines are passed over, down to {header:?}"));
@@ -139,9 +161,9 @@ impl Form {
         let whole = separator == Separator::Blanks || fields.len() != columns + 1;
         let of_wavelength = if whole { header } else { &fields[0] };
         let unit = unit(of_wavelength)?;
-        let quantities = match fields.len() == columns + 1 {
-            true => fields.iter().skip(1).map(|name| Quantity::of(name)).collect(),
-            false => vec![Quantity::of(header); columns],
+        let headers = match fields.len() == columns + 1 {
+            true => fields[1..].to_vec(),
+            false => vec![header.to_string(); columns],
         };
         // Without a unit or a remark in brackets.
         let bare = |name: &String| {
@@ -167,7 +189,7 @@ impl Form {
         if unit.is_none() && !known {
             remarks.push(format!("its first column, {of_wavelength:?}, is taken as wavelength"));
         }
-        Ok((Self { separator, header_lines, names, quantities, unit }, remarks))
+        Ok((Self { separator, header_lines, names, headers, unit }, remarks))
     }
 
     /// The fields of a line.

@@ -2,35 +2,42 @@
 //! fractions or powers.
 
 use crate::table::SpectralTable;
+use crate::table_header::Header;
 use crate::{Error, Result};
 
 /// e⁻ per photon over A/W at 1 nm: hc/e in W·nm/A (CODATA 2018).
 const AMPERES_PER_WATT_NM: f64 = 1_239.841_984;
 /// Energy of a photon of 1 nm, J: hc.
 const PHOTON_J_NM: f64 = 1.986_445_857e-16;
-/// Photons in a µmol.
-const MICROMOLE: f64 = 6.022_140_76e17;
+const PER_FREQUENCY: &str = "power per frequency or wavenumber";
+const LOGARITHM: Quantity = Quantity::Refused("logarithms", "give the values themselves");
 
 /// What the values of a column are.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Quantity {
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Quantity {
     /// Fractions, or power: what the table is read for.
-    #[default]
     Plain,
     /// Per cent.
     Percent,
     /// Photocurrent over power, in so many A/W.
     Responsivity(f64),
-    /// Minus the decimal logarithm of a transmittance: absorbance or optical density.
-    Absorbance,
+    /// Minus the decimal logarithm of a transmittance (absorbance, optical density), in so many.
+    Absorbance(f64),
     /// Ten times the decimal logarithm of a transmittance.
     Decibels,
     /// Ten times the decimal logarithm of a power in mW.
     DecibelMilliwatts,
     /// Numbers of so many photons.
     Photons(f64),
+    /// Power per frequency, wavenumber or energy: times which it is a power per nm over the square
+    /// of the wavelength in nm.
+    PerFrequency(f64),
     /// Relative to an unknown scale.
     Relative,
+    /// Something that is not read, and what to give instead.
+    Refused(&'static str, &'static str),
+    /// Two that contradict each other.
+    Both(&'static str, &'static str),
 }
 
 /// What a table is read for.
@@ -40,55 +47,65 @@ pub enum Wanted {
     Efficiency,
     /// Electrons per photon up to a factor.
     EfficiencyShape,
-    /// Transmittances and other fractions of light.
+    /// Reflectances and other fractions of light.
     Fraction,
+    /// Transmittances.
+    Transmittance,
     /// Spectral power.
     Power,
 }
 
 impl Quantity {
-    /// The quantity that a column's header names.
-    pub(crate) fn of(header: &str) -> Self {
-        let header = header.to_lowercase();
-        let words: Vec<&str> = header
-            .split(|c: char| !(c.is_alphanumeric() || c == '%' || c == '/'))
-            .filter(|word| !word.is_empty())
-            .collect();
-        let has = |names: &[&str]| words.iter().any(|word| names.contains(word));
-        let starts = |names: &[&str]| words.first().is_some_and(|word| names.contains(word));
-        let responsivity = [("a/w", 1.0), ("ma/w", 1e-3), ("ua/w", 1e-6), ("µa/w", 1e-6)];
-        if let Some((_, amperes)) = responsivity.into_iter().find(|(name, _)| has(&[name])) {
-            return Self::Responsivity(amperes);
+    /// The quantity that a column's header names, of a table that is read for what is wanted.
+    fn of(header: &str, wanted: Wanted) -> Self {
+        let header = Header::of(header);
+        let fraction = matches!(wanted, Wanted::Fraction | Wanted::Transmittance);
+        let refused = match wanted {
+            Wanted::Power => no_power(&header),
+            Wanted::Efficiency | Wanted::EfficiencyShape => no_efficiency(&header, wanted),
+            Wanted::Fraction | Wanted::Transmittance => no_fraction(&header, wanted),
+        };
+        if let Some(refused) = refused {
+            return refused;
         }
-        if has(&["absorbance", "absorption", "od"]) || starts(&["abs", "optical", "extinction"]) {
-            return Self::Absorbance;
+        match header.logarithm() {
+            Some(Some(size)) if fraction && !header.is_percent() => return Self::Absorbance(size),
+            Some(_) => return LOGARITHM,
+            None => {}
         }
-        if has(&["dbm"]) {
-            return Self::DecibelMilliwatts;
+        let decibels = |of_milliwatt| match of_milliwatt {
+            true => Self::DecibelMilliwatts,
+            false => Self::Decibels,
+        };
+        let power = wanted == Wanted::Power;
+        let photons = header.photons().filter(|_| power).map(Self::Photons);
+        let per_frequency = header.per_frequency().filter(|_| power).map(Self::PerFrequency);
+        // Per cent of a power is a power of another scale.
+        let percent = header.is_percent() && photons.or(per_frequency).is_none();
+        let found = [
+            header.amperes_per_watt().map(Self::Responsivity),
+            header.absorbance().map(Self::Absorbance),
+            header.decibels().map(decibels),
+            photons,
+            per_frequency,
+            percent.then_some(Self::Percent),
+        ];
+        let mut found = found.into_iter().flatten();
+        match (found.next(), found.next()) {
+            (Some(one), Some(other)) => Self::Both(one.name(), other.name()),
+            (Some(one), None) => one,
+            _ if wanted == Wanted::Transmittance && header.is_named_density() => {
+                Self::Absorbance(1.0)
+            }
+            _ if header.is_relative() => Self::Relative,
+            _ => Self::Plain,
         }
-        if has(&["db", "decibel", "decibels"]) {
-            return Self::Decibels;
-        }
-        let moles =
-            |word: &&str| ["umol", "µmol", "μmol"].iter().any(|unit| word.starts_with(unit));
-        if words.iter().any(moles) {
-            return Self::Photons(MICROMOLE);
-        }
-        if has(&["photons", "quanta"]) || has(&["photon"]) && has(&["flux", "irradiance"]) {
-            return Self::Photons(1.0);
-        }
-        if has(&["percent"]) || words.iter().any(|w| w.contains('%') && !is_error(w)) {
-            return Self::Percent;
-        }
-        if has(&["relative", "normalised", "normalized", "arb", "arbitrary", "rel"]) {
-            return Self::Relative;
-        }
-        Self::Plain
     }
 
     /// A value at a wavelength, nm, as what is wanted; `None` where it cannot be that.
     fn convert(self, wanted: Wanted, value: f64, nm: f64) -> Option<f64> {
         let efficiency = matches!(wanted, Wanted::Efficiency | Wanted::EfficiencyShape);
+        let fraction = matches!(wanted, Wanted::Fraction | Wanted::Transmittance);
         match (self, wanted) {
             (Self::Plain | Self::Relative, _) => Some(value),
             (Self::Percent, Wanted::Power) => Some(value),
@@ -96,24 +113,38 @@ impl Quantity {
             (Self::Responsivity(amperes), _) if efficiency => {
                 Some(value * amperes * AMPERES_PER_WATT_NM / nm)
             }
-            (Self::Absorbance, Wanted::Fraction) => Some(libm::exp10(-value)),
-            (Self::Decibels, Wanted::Fraction) => Some(libm::exp10(0.1 * value)),
+            (Self::Absorbance(size), _) if fraction => Some(libm::exp10(-size * value)),
+            (Self::Decibels, _) if fraction => Some(libm::exp10(0.1 * value)),
             (Self::DecibelMilliwatts, Wanted::Power) => Some(1e-3 * libm::exp10(0.1 * value)),
             (Self::Photons(each), Wanted::Power) => Some(value * each * PHOTON_J_NM / nm),
-            // "Photon detection efficiency" and its like.
-            (Self::Photons(_), _) if efficiency => Some(value),
+            (Self::PerFrequency(times), Wanted::Power) => Some(value * times / (nm * nm)),
             _ => None,
         }
     }
 
     /// Whether the user is told what is made of it.
     fn is_told(self, wanted: Wanted) -> bool {
-        match (self, wanted) {
+        !matches!(
+            (self, wanted),
             (Self::Plain, _)
-            | (Self::Percent | Self::Relative, Wanted::Power)
-            | (Self::Relative, Wanted::EfficiencyShape) => false,
-            (Self::Photons(_), _) => wanted == Wanted::Power,
-            _ => true,
+                | (Self::Percent | Self::Relative, Wanted::Power)
+                | (Self::Relative, Wanted::EfficiencyShape)
+        )
+    }
+
+    /// Why a column of that name is not read.
+    fn refusal(self, name: &str, wanted: Wanted) -> Error {
+        match self {
+            Self::Both(one, other) => Error::input(format!(
+                "column {name:?} holds both {one} and {other}, by its header"
+            ))
+            .help("let its header name one of them"),
+            Self::Refused(what, help) => {
+                Error::input(format!("column {name:?} holds {what}")).help(help)
+            }
+            _ => {
+                Error::input(format!("column {name:?} holds {}", self.name())).help(wanted.help())
+            }
         }
     }
 
@@ -123,18 +154,79 @@ impl Quantity {
             Self::Plain => "plain values",
             Self::Percent => "per cent",
             Self::Responsivity(_) => "responsivity in A/W",
-            Self::Absorbance => "absorbance or optical density",
+            Self::Absorbance(1.0) => "absorbance or optical density",
+            Self::Absorbance(1e-3) => "absorbance in thousandths (mAU)",
+            Self::Absorbance(size) if size < 0.0 => "logarithms of a transmittance",
+            Self::Absorbance(_) => "absorbance on the scale of natural logarithms",
             Self::Decibels => "decibels",
             Self::DecibelMilliwatts => "dBm",
             Self::Photons(_) => "numbers of photons",
+            Self::PerFrequency(_) => PER_FREQUENCY,
             Self::Relative => "relative values",
+            Self::Refused(what, _) | Self::Both(what, _) => what,
         }
     }
 }
 
-/// Whether a word such as `5%` is the size of an error, not a unit.
-fn is_error(word: &str) -> bool {
-    word.starts_with(|c: char| c.is_ascii_digit())
+/// What a header names that is not read as a power.
+fn no_power(header: &Header) -> Option<Quantity> {
+    let (photons, per_frequency) = (header.photons().is_some(), header.per_frequency().is_some());
+    if header.is_luminous() {
+        Some(Quantity::Refused(
+            "light weighted by the eye (lm, lx)",
+            "give spectral power, per nm, or numbers of photons",
+        ))
+    } else if photons && header.is_watts() {
+        Some(Quantity::Both(Quantity::Photons(1.0).name(), "power in W"))
+    } else if per_frequency && header.is_per_nm() {
+        Some(Quantity::Both(PER_FREQUENCY, "power per nm"))
+    } else if per_frequency && (photons || header.decibels().is_some()) {
+        Some(Quantity::Refused(
+            "photons or decibels per frequency or wavenumber",
+            "give them per nm",
+        ))
+    } else {
+        None
+    }
+}
+
+/// What a header names that electrons per photon are not made of.
+fn no_efficiency(header: &Header, wanted: Wanted) -> Option<Quantity> {
+    if header.is_per_exposure() {
+        Some(Quantity::Refused(
+            "a responsivity that takes the pixel's area and gain to be electrons per photon",
+            Wanted::Efficiency.help(),
+        ))
+    } else if wanted == Wanted::Efficiency
+        && header.is_bare_responsivity()
+        && header.amperes_per_watt().is_none()
+    {
+        Some(Quantity::Refused("a responsivity of unknown unit", wanted.help()))
+    } else {
+        None
+    }
+}
+
+/// What a header names that fractions of light are not made of, above all transmittances.
+fn no_fraction(header: &Header, wanted: Wanted) -> Option<Quantity> {
+    let of_filter = wanted == Wanted::Transmittance;
+    let what = if header.is_coefficient() {
+        "absorption per length or concentration"
+    } else if header.is_absorbed() {
+        "fractions of light that are absorbed"
+    } else if of_filter && header.is_reflectance() {
+        "reflectances, not transmittances"
+    } else if of_filter && header.is_loss() && header.decibels().is_none() {
+        "a loss of unknown scale"
+    } else if of_filter && header.is_rating_alone() {
+        return Some(Quantity::Refused(
+            "transmittances or optical densities: its header does not say which",
+            "name it transmittance or optical density",
+        ));
+    } else {
+        return None;
+    };
+    Some(Quantity::Refused(what, wanted.help()))
 }
 
 impl Wanted {
@@ -146,24 +238,37 @@ impl Wanted {
             Self::Fraction => {
                 "give fractions or per cent; absorbance and negative decibels are read too"
             }
+            Self::Transmittance => {
+                "give transmittances as fractions or per cent; absorbance and negative decibels \
+                 are read too"
+            }
             Self::Power => "give spectral power, numbers of photons, or dBm",
         }
     }
 }
 
 impl SpectralTable {
+    /// What the values of the columns are.
+    fn quantities(&self, wanted: Wanted) -> Vec<Quantity> {
+        self.headers.iter().map(|header| Quantity::of(header, wanted)).collect()
+    }
+
+    /// Whether no column's header says that its values are other than what is wanted.
+    pub fn is_plain(&self, wanted: Wanted) -> bool {
+        self.quantities(wanted).iter().all(|quantity| *quantity == Quantity::Plain)
+    }
+
     /// Converts the columns to what is wanted, and remarks on it.
     ///
     /// # Errors
-    /// A column of another quantity.
+    /// A column of another quantity, or of two.
     pub fn convert(&mut self, wanted: Wanted) -> Result<()> {
-        let quantities = self.quantities.clone();
+        let quantities = self.quantities(wanted);
         for ((name, values), quantity) in self.curves.iter_mut().zip(&quantities) {
             for (value, nm) in values.iter_mut().zip(&self.wavelength_nm) {
-                *value = quantity.convert(wanted, *value, *nm).ok_or_else(|| {
-                    Error::input(format!("column {name:?} holds {}", quantity.name()))
-                        .help(wanted.help())
-                })?;
+                *value = quantity
+                    .convert(wanted, *value, *nm)
+                    .ok_or_else(|| quantity.refusal(name, wanted))?;
             }
         }
         let alike = quantities.windows(2).all(|pair| pair[0] == pair[1]);
@@ -178,7 +283,8 @@ impl SpectralTable {
                 _ => format!("{values} are taken as {}, as its header says", quantity.name()),
             });
         }
-        self.quantities.fill(Quantity::Plain);
+        // They are what was wanted now.
+        self.headers.iter_mut().for_each(String::clear);
         Ok(())
     }
 }
@@ -193,43 +299,176 @@ mod tests {
         Ok(table.curves[0].1[0])
     }
 
-    #[test]
-    fn values_are_what_their_header_says() {
-        for (header, value, wanted, right) in [
-            ("QE", 0.5, Wanted::Efficiency, 0.5),
-            ("QE (%)", 50.0, Wanted::Efficiency, 0.5),
-            ("QE%", 50.0, Wanted::Efficiency, 0.5),
-            ("QE (+/- 5%)", 0.5, Wanted::Efficiency, 0.5),
-            // 0.2 A/W at 500 nm: 0.2·1239.84/500.
-            ("Responsivity (A/W)", 0.2, Wanted::Efficiency, 0.495_937),
-            ("Responsivity [mA/W]", 200.0, Wanted::EfficiencyShape, 0.495_937),
-            ("Photon detection efficiency", 0.3, Wanted::Efficiency, 0.3),
-            ("Absorbance", 0.602_06, Wanted::Fraction, 0.25),
-            ("OD", 2.0, Wanted::Fraction, 0.01),
-            ("Abs", 1.0, Wanted::Fraction, 0.1),
-            ("Transmission (dB)", -6.0206, Wanted::Fraction, 0.25),
-            ("%T", 25.0, Wanted::Fraction, 0.25),
-            ("Power (dBm)", 3.0103, Wanted::Power, 2e-3),
-            // A µmol of photons of 500 nm: 0.119627 J·m/mol / 500 nm.
-            ("Photon flux [umol/m2/s/nm]", 1.0, Wanted::Power, 0.239_253),
-            ("Relative power", 0.7, Wanted::Power, 0.7),
-        ] {
-            let found = converted(header, value, wanted).unwrap();
+    fn check(cases: &[(&str, f64, Wanted, f64)]) {
+        for &(header, value, wanted, right) in cases {
+            let found =
+                converted(header, value, wanted).unwrap_or_else(|e| panic!("{header}: {e}"));
             assert!((found / right - 1.0).abs() < 1e-5, "{header}: {found}, not {right}");
         }
     }
 
     #[test]
+    fn efficiencies_are_what_their_header_says() {
+        let wanted = Wanted::Efficiency;
+        check(&[
+            ("QE", 0.5, wanted, 0.5),
+            ("QE (%)", 50.0, wanted, 0.5),
+            ("QE%", 50.0, wanted, 0.5),
+            ("QE (+/- 5%)", 0.5, wanted, 0.5),
+            ("Abs. QE (per cent)", 50.0, wanted, 0.5),
+            ("QE (e-/photon)", 0.5, wanted, 0.5),
+            ("QE (electrons per photon, 100 lux)", 0.5, wanted, 0.5),
+            ("Photon detection efficiency", 0.3, wanted, 0.3),
+            ("A", 0.3, wanted, 0.3),
+            // 0.2 A/W at 500 nm: 0.2·1239.84/500.
+            ("Responsivity (A/W)", 0.2, wanted, 0.495_937),
+            ("Responsivity [mA/W]", 200.0, Wanted::EfficiencyShape, 0.495_937),
+            ("R (A W-1)", 0.2, wanted, 0.495_937),
+            ("R (A·W^-1)", 0.2, wanted, 0.495_937),
+            ("R (A.W⁻¹)", 0.2, wanted, 0.495_937),
+            ("R / A W^{-1}", 0.2, wanted, 0.495_937),
+            ("R (mAW-1)", 200.0, wanted, 0.495_937),
+            ("R (µA/mW)", 200.0, wanted, 0.495_937),
+        ]);
+    }
+
+    #[test]
+    fn fractions_are_what_their_header_says() {
+        let (wanted, filter) = (Wanted::Fraction, Wanted::Transmittance);
+        check(&[
+            ("Absorbance", 0.602_06, wanted, 0.25),
+            ("OD", 2.0, wanted, 0.01),
+            ("Abs", 1.0, wanted, 0.1),
+            ("Transmission (dB)", -6.0206, wanted, 0.25),
+            ("%T", 25.0, wanted, 0.25),
+            // Names of materials.
+            ("A", 0.3, wanted, 0.3),
+            ("R (%)", 30.0, wanted, 0.3),
+            ("Reflectance (%)", 30.0, wanted, 0.3),
+            ("density", 0.3, wanted, 0.3),
+            ("O.D.", 2.0, filter, 0.01),
+            ("Optical density (10 mm)", 2.0, filter, 0.01),
+            ("Optical transmission (%)", 25.0, filter, 0.25),
+            ("Density", 2.0, filter, 0.01),
+            ("A", 2.0, filter, 0.01),
+            ("A (a.u.)", 2.0, filter, 0.01),
+            ("Absorbance [mAU]", 602.06, filter, 0.25),
+            ("mOD", 602.06, filter, 0.25),
+            ("-log(T)", 0.602_06, filter, 0.25),
+            ("−log₁₀(T)", 0.602_06, filter, 0.25),
+            ("log10(1/T)", 0.602_06, filter, 0.25),
+            ("log10(transmittance)", -0.602_06, filter, 0.25),
+            ("-ln(T)", 1.386_294, filter, 0.25),
+            ("Absorbance, -log10(T)", 0.602_06, filter, 0.25),
+            // What a filter is sold as says nothing of its values.
+            ("OD6 bandpass (%)", 25.0, filter, 0.25),
+            ("Transmittance, OD > 4", 0.25, filter, 0.25),
+            ("Transmittance (with reflection losses)", 0.25, filter, 0.25),
+        ]);
+    }
+
+    #[test]
+    fn powers_are_what_their_header_says() {
+        let wanted = Wanted::Power;
+        check(&[
+            ("Relative power", 0.7, wanted, 0.7),
+            ("A", 0.7, wanted, 0.7),
+            ("Abs. irradiance (µW/cm²/nm)", 0.7, wanted, 0.7),
+            ("Irradiance (W/m2/nm/lx)", 0.7, wanted, 0.7),
+            ("LED 100 Hz, 800 lm", 0.7, wanted, 0.7),
+            ("Power (dBm)", 3.0103, wanted, 2e-3),
+            ("Optical power (dBm/nm)", 3.0103, wanted, 2e-3),
+            // A µmol of photons of 500 nm: 0.119627 J·m/mol / 500 nm.
+            ("Photon flux [umol/m2/s/nm]", 1.0, wanted, 0.239_253),
+            ("PFD (μmol·m⁻²·s⁻¹·nm⁻¹)", 1.0, wanted, 0.239_253),
+            ("PFD (umolm-2s-1nm-1)", 1.0, wanted, 0.239_253),
+            ("PFD / mmol m-2 s-1 nm-1", 1e-3, wanted, 0.239_253),
+            ("PFD (mol m-2 s-1 nm-1)", 1e-6, wanted, 0.239_253),
+            ("Quantum irradiance (uE/m2/s/nm)", 1.0, wanted, 0.239_253),
+            // A photon of 500 nm: 6.62607e-34·2.99792e8/500e-9 J.
+            ("Spectral flux (photons/s/cm2/nm)", 1e19, wanted, 3.972_892),
+            ("photons/cm²/s/nm", 1e19, wanted, 3.972_892),
+            ("Flux (ph/s/nm)", 1e19, wanted, 3.972_892),
+            ("Photon radiance", 1e19, wanted, 3.972_892),
+            // c/λ²: 2.99792e8/(500e-9)² Hz/m; 1e7/500²; 1239.84/500².
+            ("W/m2/Hz", 1e-12, wanted, 1.199_170),
+            ("Spectral power (mW/THz)", 1.0, wanted, 1.199_170),
+            ("Radiance (W/m2/sr/cm-1)", 1.0, wanted, 40.0),
+            ("W m⁻² sr⁻¹ (cm⁻¹)⁻¹", 1.0, wanted, 40.0),
+            ("W/m2/eV", 100.0, wanted, 0.495_937),
+        ]);
+    }
+
+    fn refused(header: &str, wanted: Wanted, says: &str) {
+        let error = converted(header, 0.5, wanted).expect_err(header).to_string();
+        assert!(error.contains("holds") && error.contains(says), "{header}: {error}");
+    }
+
+    #[test]
     fn values_of_another_kind_are_refused() {
-        for (header, wanted) in [
-            ("Responsivity (A/W)", Wanted::Fraction),
-            ("Absorbance", Wanted::Efficiency),
-            ("Transmission (dB)", Wanted::Power),
-            ("Power (dBm)", Wanted::Fraction),
+        for (header, wanted, says) in [
+            ("Responsivity (A/W)", Wanted::Fraction, "give fractions"),
+            ("Absorbance", Wanted::Efficiency, "give electrons per photon"),
+            ("Transmission (dB)", Wanted::Power, "give spectral power"),
+            ("Power (dBm)", Wanted::Fraction, "give fractions"),
+            ("R (V/(uJ/cm2))", Wanted::Efficiency, "area and gain"),
+            ("DN/(nJ/cm2)", Wanted::EfficiencyShape, "area and gain"),
+            ("V/lx/s", Wanted::Efficiency, "area and gain"),
+            ("R (A/(W/cm2))", Wanted::Efficiency, "area and gain"),
+            ("Responsivity", Wanted::Efficiency, "unknown unit"),
+            ("log10(W/m2/nm)", Wanted::Power, "logarithms"),
+            ("lm/nm", Wanted::Power, "weighted by the eye"),
+            ("dBm/THz", Wanted::Power, "give them per nm"),
+            ("photons/s/Hz", Wanted::Power, "give them per nm"),
         ] {
-            let error = converted(header, 0.5, wanted).unwrap_err().to_string();
-            assert!(error.contains("holds") && error.contains("give"), "{error}");
+            refused(header, wanted, says);
         }
+    }
+
+    #[test]
+    fn filters_tell_transmittance() {
+        for (header, says) in [
+            ("Absorption (%)", "absorbed"),
+            ("A (%)", "absorbed"),
+            ("Absorptance", "absorbed"),
+            ("%R", "reflectances"),
+            ("R%", "reflectances"),
+            ("R (%)", "reflectances"),
+            ("Reflectivity", "reflectances"),
+            ("OD6", "does not say which"),
+            ("OD 0.3", "does not say which"),
+            ("Neutral density", "does not say which"),
+            ("Absorption coefficient (1/cm)", "per length"),
+            ("ε (L mol-1 cm-1)", "per length"),
+            ("Attenuation", "a loss"),
+            ("2-log10(%T)", "logarithms"),
+        ] {
+            refused(header, Wanted::Transmittance, says);
+        }
+    }
+
+    #[test]
+    fn headers_that_contradict_themselves_are_refused() {
+        for (header, wanted, says) in [
+            ("T (% or dB)", Wanted::Transmittance, "both decibels and per cent"),
+            ("Optical density (dB)", Wanted::Fraction, "both absorbance"),
+            ("R (%, A/W)", Wanted::Efficiency, "both responsivity in A/W and per cent"),
+            ("Photon flux (W/nm)", Wanted::Power, "both numbers of photons and power in W"),
+            ("W/nm (per Hz)", Wanted::Power, "both power per frequency"),
+        ] {
+            refused(header, wanted, says);
+        }
+    }
+
+    /// Headers of blanks may stand undivided above two columns of numbers.
+    #[test]
+    fn the_words_of_wavelength_are_not_of_the_values() {
+        let text = "Wavelength (nm) Optical density\n500 2\n510 2\n";
+        let mut table = SpectralTable::parse(text).unwrap();
+        table.convert(Wanted::Transmittance).unwrap();
+        assert!((table.curves[0].1[0] - 0.01).abs() < 1e-12, "{table:?}");
+        let told = "its values are taken as absorbance or optical density, as its header says";
+        assert_eq!(table.remarks, [told]);
     }
 
     #[test]

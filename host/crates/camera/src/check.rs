@@ -8,7 +8,7 @@ use super::{
     Camera, CrosstalkTable, Folder, KeptNoise, LensKind, LensModel, Noise, RelativeIllumination,
     SensorModel, SensorTiming, Shutter, csv_reader,
 };
-use camrig_base::table::{Quantity, SpectralTable, Wanted};
+use camrig_base::table::{SpectralTable, Wanted};
 use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes, toml_text};
 use std::cell::RefCell;
 
@@ -378,7 +378,7 @@ fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
 /// A curve of fractions over wavelength: a table of one column, and what it is outside the table
 /// unless that says otherwise.
 fn fraction_curve(name: &str, outside: Outside, folder: &Folder<'_>) -> Result<Spectrum> {
-    let table = spectral_table(name, Wanted::Fraction, WIDEST_GAP_NM, folder)?;
+    let table = spectral_table(name, Wanted::Transmittance, WIDEST_GAP_NM, folder)?;
     if table.curves.len() != 1 {
         return Err(Error::input(format!("{} columns", table.curves.len() + 1))
             .at(name)
@@ -397,7 +397,7 @@ fn spectral_table(
 ) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
     let mut table = table.named(name);
-    if table.quantities.iter().all(|quantity| *quantity == Quantity::Plain) {
+    if table.is_plain(wanted) {
         from_percent(&mut table);
     }
     table.convert(wanted).map_err(|e| e.at(name))?;
