@@ -1,6 +1,7 @@
 //! Glass catalogues (`.agf`) that a person puts beside a lens file, and what is told of them.
 
 use super::{camrig_ok, lens};
+use camrig::lens::{Catalogue, Conditions, System};
 use std::path::Path;
 
 /// Schott's N-BK7 with another B1 of formula 2: n² grows by the difference times λ²/(λ² − C1).
@@ -90,7 +91,7 @@ fn an_index_that_is_carried_on_beyond_the_data_is_told() {
         let table = "[glass.X]\ntable_nm = [[480.0, 1.522], [587.6, 1.5168], [656.3, 1.5143]]\n";
         let text = if glass.contains('X') { text + table } else { text };
         let lens = camrig::lens::toml::read(&text, &Catalogue::default()).unwrap();
-        camrig::lens::System::new(lens, Conditions::default()).unwrap().prescription.notes
+        System::new(lens, Conditions::default()).unwrap().prescription.notes
     };
     let told = notes("glass = \"X\"\n", "[410.0, 550.0, 656.3]");
     assert_eq!(

@@ -33,6 +33,7 @@ mod real_data;
 mod scene_files;
 mod scene_frames;
 mod scene_sequences;
+mod scene_units;
 mod seq_files;
 mod sequences;
 mod statistics;

@@ -153,7 +153,7 @@ fn what_a_png_says_of_its_colours_is_heeded() {
 
 #[test]
 fn jpeg_is_read_turned_and_refused_for_print() {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data");
     let cube = opened(&data.join("colour.jpg"), "");
     assert_eq!(cube.size(), (16, 8));
     // A code of rounding in YCbCr.
@@ -179,7 +179,8 @@ fn pixels_that_are_not_square_are_refused() {
     use png::{BitDepth, ColorType, chunk};
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
-    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/colour.jpg");
+    let jpeg =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data/colour.jpg");
     let jpeg = std::fs::read(jpeg).unwrap();
     let jfif = |x: u8, y: u8| {
         let app0 = [&b"\xff\xe0\0\x10JFIF\0\x01\x02\0"[..], &[0, x, 0, y, 0, 0]].concat();
@@ -293,7 +294,7 @@ fn renders_are_radiance_with_a_scale_and_a_white() {
     let [_, v, _] = observer();
     let luminance: f64 = (0..31)
         .map(|b| {
-            let nm = camrig::Bands::VISIBLE.nm(b);
+            let nm = camrig::scene::Bands::VISIBLE.nm(b);
             6830.0 * f64::from(scaled.band(b).unwrap().data[1]) * v.at(nm)
         })
         .sum();
@@ -402,7 +403,8 @@ fn damage_is_survived() {
     let probe = dir.path().join("whole.hdr");
     std::fs::write(&probe, b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x40\x80\x20\x81")
         .unwrap();
-    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/colour.jpg");
+    let jpeg =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data/colour.jpg");
     for file in [source, render, stack, probe, jpeg] {
         let whole = std::fs::read(&file).unwrap();
         let damaged = dir.path().join("damaged").with_extension(file.extension().unwrap());

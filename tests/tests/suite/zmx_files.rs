@@ -393,12 +393,12 @@ fn notes(system: &str, surface: &str, behind: &str) -> Vec<String> {
 
 #[test]
 fn turned_pupils_and_surfaces_that_are_left_out_are_refused() {
-    for (system, surface, words) in [
-        ("VANN 0 30\n", "", "line 34: a vignetted pupil that is turned (VANN)"),
-        ("", "  IGNR 1\n", "line 46: a surface that its program leaves out (IGNR)"),
+    for (system, surface, line, words) in [
+        ("VANN 0 30\n", "", "line 34", "a vignetted pupil that is turned (VANN)"),
+        ("", "  IGNR 1\n", "line 46", "a surface that its program leaves out (IGNR)"),
     ] {
         let error = told(system, surface, "").unwrap_err().to_string();
-        assert!(error.contains(words), "{error} for {words}");
+        assert!(error.contains(line) && error.contains(words), "{error} for {words}");
     }
     assert_eq!(notes("", "  IGNR 0\n", ""), [""; 0]);
 }
