@@ -8,7 +8,7 @@
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Strided};
-use super::{hdf5, isetcam, matlab};
+use super::{Quantity, hdf5, isetcam, matlab, units};
 use camrig_base::{Error, Result};
 use std::path::Path;
 
@@ -25,8 +25,9 @@ const LAYOUTS: &[(&str, usize, f64, &str)] = &[
 ];
 
 /// Parts of the names of lists of wavelengths.
-const WAVELENGTH_NAMES: [&str; 8] =
-    ["wave", "wl", "wvl", "lambda", "band", "nm", "center", "centre"];
+const WAVELENGTH_NAMES: [&str; 6] = ["wave", "wl", "wvl", "lambda", "band", "nm"];
+/// Whole names of such lists: as parts they may be those of places in the picture.
+const CENTRES: [&str; 4] = ["center", "centers", "centre", "centres"];
 /// Parts of the names of lists that lie beside them: of the widths of bands, of wavenumbers.
 const OTHER_NAMES: [&str; 3] = ["fwhm", "width", "number"];
 /// Band centres in nm and in µm, to tell lists of wavelengths from lists of indices.
@@ -62,27 +63,27 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let (name, shape) = choose(&arrays.list, sidecar.array.as_deref())?;
     let lengths = three_axes(shape).ok_or_else(|| not_a_cube(name, shape))?;
     let wavelengths =
-        wavelengths(&arrays.list, &lengths, sidecar, |name| arrays.numbers_of(name))?;
+        wavelengths(&arrays.list, &lengths, sidecar, |name| arrays.list_of(name, sidecar))?;
     let axes = match (&sidecar.axes, &wavelengths) {
         (Some(axes), _) => axes.clone(),
-        (None, Some((_, nm))) => axes_of(&lengths, nm.len()).to_string(),
+        (None, Some((_, nm))) => axes_of(name, &lengths, nm.len())?.to_string(),
         (None, None) if lengths[2] > MANY_BANDS && lengths[0] < lengths[2] => {
-            return Err(Error::input(format!("array {name:?} of shape {lengths:?}"))
-                .help("name the order of its axes: axes=yxb is rows, columns, bands"));
+            return Err(
+                Error::input(format!("array {name:?} of shape {lengths:?}")).help(NAME_THE_AXES)
+            );
         }
         (None, None) => "yxb".into(),
     };
-    let scale = sidecar.scale.unwrap_or(1.0);
+    let kind = ["MATLAB 5", "MATLAB 7.3", "HDF5"][arrays.kind as usize];
+    let understood = vec![format!("{kind}, array {name:?} of {lengths:?}, axes {axes}")];
+    let mut own = Own { understood, ..Own::default() };
+    let scale = arrays.quantity(name, sidecar, &mut own)?;
     let source = arrays.cube(name, shape, &axes, scale)?;
     let bands = source.bands();
-    let mut understood = vec![format!(
-        "{}, array {name:?} of {lengths:?}, axes {axes}",
-        ["MATLAB 5", "MATLAB 7.3", "HDF5"][arrays.kind as usize]
-    )];
     let wavelengths = wavelengths.filter(|(_, nm)| nm.len() == bands);
-    understood.extend(wavelengths.iter().map(|(of, _)| format!("wavelengths from {of:?}")));
-    let usual = usual(name, bands);
-    if usual.is_none() && wavelengths.is_none() && name == "reflectances" && bands == 31 {
+    own.understood.extend(wavelengths.iter().map(|(of, _)| format!("wavelengths from {of:?}")));
+    own.usual = usual(name, bands);
+    if own.usual.is_none() && wavelengths.is_none() && name == "reflectances" && bands == 31 {
         sidecar.given(bands).ok_or_else(|| {
             Error::input("the wavelengths of the 31 bands are not known").help(
                 "the scenes of Foster et al. of 2002 begin at 410 nm: give start_nm=410,step_nm=10",
@@ -93,19 +94,11 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let left: Vec<&str> = arrays.list.iter().map(|(n, _)| n.as_str()).collect();
     let left: Vec<&str> =
         left.into_iter().filter(|n| *n != name && used.as_deref() != Some(n)).collect();
-    let mut notes = Vec::new();
     if !left.is_empty() {
-        notes.push(format!("arrays that were not used: {}", left.join(", ")));
+        own.notes.push(format!("arrays that were not used: {}", left.join(", ")));
     }
-    if arrays.kind == Kind::Hdf5 {
-        let found = hdf5::attributes(path, name)?;
-        if !found.is_empty() {
-            let found = found.join(", ");
-            notes.push(format!("attributes of {name:?} that were not used: {found}"));
-        }
-    }
-    let nm = wavelengths.map(|(_, nm)| nm);
-    sidecar.cube(source, Own { nm, usual, understood, notes, ..Own::default() })
+    own.nm = wavelengths.map(|(_, nm)| nm);
+    sidecar.cube(source, own)
 }
 
 fn usual(name: &str, bands: usize) -> Option<(f64, String)> {
@@ -119,13 +112,26 @@ fn three_axes(shape: &[usize]) -> Option<[usize; 3]> {
     long.collect::<Vec<usize>>().try_into().ok()
 }
 
-/// The order of axes of which one has `bands` entries: the last of such.
-pub(super) fn axes_of(lengths: &[usize; 3], bands: usize) -> &'static str {
-    match lengths.iter().rposition(|&n| n == bands) {
+/// What to say where the axes of an array can be taken in several ways.
+const NAME_THE_AXES: &str = "name the order of its axes: axes=yxb is rows, columns, bands";
+
+/// The order of the axes of an array of which one has `bands` entries.
+///
+/// # Errors
+/// Several axes that have.
+pub(super) fn axes_of(name: &str, lengths: &[usize; 3], bands: usize) -> Result<&'static str> {
+    if bands > 1 && lengths.iter().filter(|&&n| n == bands).count() > 1 {
+        return Err(Error::input(format!(
+            "array {name:?} of shape {lengths:?} has several axes as long as its {bands} \
+             wavelengths"
+        ))
+        .help(NAME_THE_AXES));
+    }
+    Ok(match lengths.iter().rposition(|&n| n == bands) {
         Some(0) => "byx",
         Some(1) => "ybx",
         _ => "yxb",
-    }
+    })
 }
 
 fn not_a_cube(name: &str, shape: &[usize]) -> Error {
@@ -191,7 +197,18 @@ pub(super) fn of_most_wavelengths(list: &[(String, Vec<usize>)]) -> Option<&str>
 fn word_of_wavelengths(name: &str) -> Option<String> {
     let word = name.rsplit('/').next().unwrap_or(name).to_lowercase();
     let has = |parts: &[&str]| parts.iter().any(|part| word.contains(part));
-    (has(&WAVELENGTH_NAMES) && !has(&OTHER_NAMES)).then_some(word)
+    let may_be = has(&WAVELENGTH_NAMES) || CENTRES.contains(&&*word);
+    (may_be && !has(&OTHER_NAMES)).then_some(word)
+}
+
+/// Refuses wavelengths among arrays that are not of numbers.
+pub(super) fn refuse_wavelengths_in(names: &[String]) -> Result<()> {
+    let found = names.iter().find(|name| word_of_wavelengths(name).is_some());
+    found.map_or(Ok(()), |name| {
+        Err(Error::input(format!("{name:?} is not of numbers, and not understood")).help(
+            "save wavelengths as numbers in nm; or give wavelength_nm, or start_nm, step_nm",
+        ))
+    })
 }
 
 /// The list of wavelengths (nm) among the arrays of a `list` for one of a cube's axes, or for that
@@ -248,6 +265,11 @@ pub(super) fn in_nm(name: &str, list: &[f64]) -> Option<Vec<f64>> {
     in_um.then(|| list.iter().map(|um| um * 1000.0).collect())
 }
 
+/// The text of an attribute that names a unit.
+fn unit((name, text): hdf5::Attribute) -> Option<String> {
+    text.filter(|_| ["unit", "units"].contains(&&*name.to_lowercase()))
+}
+
 impl<'a> Arrays<'a> {
     fn of(path: &'a Path) -> Result<Self> {
         let mat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mat"));
@@ -269,6 +291,58 @@ impl<'a> Arrays<'a> {
             return Ok(found.and_then(|(_, v)| v.array().map(matlab::Array::numbers)));
         }
         hdf5::numbers(self.path, name).map(Some)
+    }
+
+    /// A list that may be of wavelengths: in nm, where its attributes name a unit.
+    fn list_of(&self, name: &str, sidecar: &Sidecar) -> Result<Option<Vec<f64>>> {
+        let list = self.numbers_of(name)?;
+        let unit = self.attributes(name)?.into_iter().find_map(unit);
+        let Some(unit) = unit.filter(|unit| !["", "1"].contains(&unit.trim())) else {
+            return Ok(list);
+        };
+        match units::to_nm(&unit) {
+            Some(to_nm) => Ok(list.map(|list| list.into_iter().map(to_nm).collect())),
+            None if sidecar.given(0).is_some() => Ok(None),
+            None => Err(Error::input(format!("{name:?} is in {unit:?}")).help(
+                "wavelengths are in nm, um, angstrom or cm-1; else give wavelength_nm, or \
+                 start_nm, step_nm",
+            )),
+        }
+    }
+
+    /// The attributes of an array of HDF5.
+    fn attributes(&self, name: &str) -> Result<Vec<hdf5::Attribute>> {
+        if self.kind == Kind::Hdf5 { hdf5::attributes(self.path, name) } else { Ok(Vec::new()) }
+    }
+
+    /// Finds what the samples are, by the array's name and unit, and what they are multiplied by.
+    fn quantity(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
+        let mut attributes = self.attributes(name)?;
+        let unit = attributes.iter().cloned().find_map(unit);
+        let is_radiance = unit.as_deref().and_then(units::radiance_factor).is_some();
+        own.quantity = units::quantity_of(name, sidecar)?;
+        if own.quantity.is_none() && is_radiance {
+            own.quantity = Some(Quantity::Radiance);
+        }
+        let scale = match (own.quantity, &unit) {
+            (Some(Quantity::Radiance), Some(unit)) => {
+                attributes.retain(|of| self::unit(of.clone()).is_none());
+                units::radiance_scale("units", unit, sidecar, own)
+            }
+            (_, Some(unit)) if is_radiance && sidecar.quantity.is_none() => {
+                return Err(Error::input(format!(
+                    "{name:?} is a reflectance by its name, in {unit}"
+                ))
+                .help("say which it is: quantity=radiance or quantity=reflectance"));
+            }
+            _ => sidecar.scale.unwrap_or(1.0),
+        };
+        if !attributes.is_empty() {
+            let names: Vec<String> = attributes.into_iter().map(|(name, _)| name).collect();
+            let names = names.join(", ");
+            own.notes.push(format!("attributes of {name:?} that were not used: {names}"));
+        }
+        Ok(scale)
     }
 
     /// The array as a cube; `axes` in the order of `shape`.
@@ -300,8 +374,9 @@ impl<'a> Arrays<'a> {
 
 #[cfg(test)]
 mod tests {
-    use crate::open_file;
-    use std::path::Path;
+    use crate::{Quantity, open_file};
+    use std::path::{Path, PathBuf};
+    use tempfile::TempDir;
 
     fn place(file: &str) -> String {
         let place = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(file);
@@ -351,6 +426,60 @@ mod tests {
             said.contains("attributes of \"cube\" that were not used: scale_factor"),
             "{said}"
         );
+    }
+
+    /// An array of 1 x 2 x 3 with wavelengths, and units of both.
+    fn with_units(name: &str, shape: &[u64], of: [&str; 2], list: &[f64]) -> (PathBuf, TempDir) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.h5");
+        let unit = |unit: &str| hdf5_pure::AttrValue::String(unit.into());
+        let mut file = hdf5_pure::FileBuilder::new();
+        let samples = vec![0.5; shape.iter().product::<u64>() as usize];
+        let cube = file.create_dataset(name).with_f64_data(&samples).with_shape(shape);
+        cube.set_attr("units", unit(of[0]));
+        file.create_dataset("wavelength").with_f64_data(list).set_attr("Units", unit(of[1]));
+        file.write(&path).unwrap();
+        (path, folder)
+    }
+
+    #[test]
+    fn units_of_attributes_are_followed() {
+        let list = [25e3, 2e4, 1e7 / 600.0];
+        for (name, unit, quantity, value) in [
+            ("cube", "mW/(cm2 sr um)", Quantity::Radiance, 0.005),
+            ("Radiance", "counts", Quantity::Radiance, 0.5),
+            ("cube", "1", Quantity::Reflectance, 0.5),
+        ] {
+            let (path, _folder) = with_units(name, &[1, 2, 3], [unit, "cm-1"], &list);
+            let cube = open_file(path.to_str().unwrap()).unwrap();
+            assert_eq!(crate::Scene::quantity(&cube), quantity, "{name} in {unit}");
+            assert!((cube.band(0).unwrap().data[0] / value - 1.0).abs() < 1e-6, "{name}, {unit}");
+            let said = cube.understood().join("\n");
+            assert!(said.contains("3 bands, 400 to 600"), "{said}");
+            let notes = crate::Scene::notes(&cube).join("\n");
+            assert_eq!(notes.contains("units \"counts\" is taken"), unit == "counts", "{notes}");
+        }
+        for (name, of, said) in [
+            ("reflectance", ["W m-2 sr-1 nm-1", "nm"], "say which it is"),
+            ("irradiance", ["W m-2 nm-1", "nm"], "irradiance by its name"),
+            ("cube", ["1", "furlongs"], "is in \"furlongs\""),
+        ] {
+            let (path, _folder) = with_units(name, &[1, 2, 3], of, &[400.0, 500.0, 600.0]);
+            let error = open_file(path.to_str().unwrap()).err().unwrap().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn axes_as_long_as_the_wavelengths_are_not_guessed() {
+        let (path, _folder) = with_units("cube", &[2, 3, 2], ["1", "nm"], &[400.0, 500.0]);
+        let spec = path.display().to_string();
+        let error = open_file(&spec).err().unwrap().to_string();
+        assert!(error.contains("as long as its 2 wavelengths") && error.contains("axes=yxb"));
+        assert_eq!(open_file(&format!("{spec}:axes=byx")).unwrap().size(), (2, 3));
+        for (name, is_list) in [("centre_row", false), ("centres", true), ("band_nm", true)] {
+            assert_eq!(super::word_of_wavelengths(name).is_some(), is_list, "{name}");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Headers of ENVI cubes: keys and values in text.
 
 use super::selection::Stated;
+use super::units;
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -44,9 +45,6 @@ const KNOWN: &[&str] = &[
     "sun azimuth",
     "sun elevation",
 ];
-
-/// Speed of light in nm · GHz (exact by the SI's definition of the metre).
-const LIGHT_NM_GHZ: f64 = 299_792_458.0;
 
 /// The keys of a header and their values.
 pub struct Header(BTreeMap<String, String>);
@@ -142,31 +140,21 @@ impl Header {
     /// The wavelengths, nm. Where the header does not say their unit, `notes` get what is assumed.
     pub fn wavelengths(&self, notes: &mut Vec<String>) -> Result<Option<Vec<f64>>> {
         let Some(list) = self.list("wavelength")? else { return Ok(None) };
-        let units = self.text("wavelength units").unwrap_or("").trim().to_lowercase();
-        let to_nm: fn(f64) -> f64 = match units.as_str() {
-            "nanometers" | "nanometres" | "nanometer" | "nm" => |nm| nm,
-            "micrometers" | "micrometres" | "micrometer" | "microns" | "um" | "µm" => {
-                |um| um * 1e3
-            }
-            "angstroms" | "angstrom" => |angstroms| angstroms * 0.1,
-            "wavenumber" => |per_cm| 1e7 / per_cm,
-            "ghz" => |ghz| LIGHT_NM_GHZ / ghz,
+        let said = self.text("wavelength units").unwrap_or("").trim().to_lowercase();
+        let unit = match said.as_str() {
             "" | "unknown" => {
-                let (unit, to_nm): (_, fn(f64) -> f64) = match list[0] < 100.0 {
-                    true => ("micrometres", |um| um * 1e3),
-                    false => ("nanometres", |nm| nm),
-                };
+                let unit = if list[0] < 100.0 { "micrometres" } else { "nanometres" };
                 notes.push(format!(
                     "the header does not say the unit of its wavelengths: {unit}, by their size"
                 ));
-                to_nm
+                unit
             }
-            other => {
-                return Err(Error::unsupported(format!("wavelength units = {other}")).help(
-                    "write the wavelengths in nanometres or micrometres, or give wavelength_nm",
-                ));
-            }
+            said => said,
         };
+        let to_nm = units::to_nm(unit).ok_or_else(|| {
+            Error::unsupported(format!("wavelength units = {unit}"))
+                .help("write the wavelengths in nanometres or micrometres, or give wavelength_nm")
+        })?;
         Ok(Some(list.into_iter().map(to_nm).collect()))
     }
 
@@ -201,6 +189,8 @@ mod tests {
             ("Micrometers", "0.4, 0.5"),
             ("Angstroms", "4000, 5000"),
             ("Wavenumber", "25000, 20000"),
+            ("1/cm", "25000, 20000"),
+            ("cm-1", "25000, 20000"),
             ("GHz", "749481.145, 599584.916"),
             ("Unknown", "400, 500"),
             ("Unknown", "0.4, 0.5"),

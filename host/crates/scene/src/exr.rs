@@ -18,6 +18,7 @@ use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::rgb::picture::{check_bytes, check_square};
 use super::sidecar::{Own, Sidecar};
+use super::units;
 use ::exr::block::chunk::TileCoordinates;
 use ::exr::block::reader::ChunksReader;
 use ::exr::block::{self, BlockIndex};
@@ -30,7 +31,12 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 pub(super) fn refused(error: ::exr::error::Error) -> Error {
-    Error::input(format!("not a readable OpenEXR image: {error}"))
+    let said = format!("not a readable OpenEXR image: {error}");
+    if !said.contains("compression") {
+        return Error::input(said);
+    }
+    Error::unsupported(said)
+        .help("save it with another compression: none, RLE, ZIP, PIZ, PXR24, B44 and DWA are read")
 }
 
 /// Most pixels of a band: 2 GiB of memory.
@@ -86,10 +92,11 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let chosen = cubes.remove(chosen);
     let left = cubes.iter().flat_map(|cube| &cube.bands).count();
-    let mut own = about(&chosen, &meta.headers[chosen.part], left, &others);
+    let header = &meta.headers[chosen.part];
+    let mut own = about(&chosen, header, left, &others, sidecar)?;
+    let scale = scale(header, sidecar, &mut own);
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
     own.nm = Some(nm);
-    let header = &meta.headers[chosen.part];
     let (window, note) = Window::of(path, header, 1, MOST_PIXELS)?.whole_part();
     own.notes.extend(note);
     let source = Channels {
@@ -98,7 +105,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         part: chosen.part,
         channels,
         types: header.channels.list.iter().map(|c| c.sample_type).collect(),
-        scale: sidecar.scale.unwrap_or(1.0),
+        scale,
     };
     sidecar.cube(Box::new(source), own)
 }
@@ -129,14 +136,30 @@ fn nothing(wanted: Option<&str>, cubes: &[Cubes], others: &[String]) -> Error {
 }
 
 /// What is said of the channels that were chosen, and of the others.
-fn about(chosen: &Cubes, header: &Header, left: usize, others: &[String]) -> Own {
-    let Cubes { naming, part, layer, .. } = chosen;
+fn about(
+    chosen: &Cubes,
+    header: &Header,
+    left: usize,
+    others: &[String],
+    sidecar: &Sidecar,
+) -> Result<Own> {
+    let Cubes { naming, part, layer, bands } = chosen;
     let mut notes = Vec::new();
     let quantity = match naming {
         Naming::Radiance | Naming::Interval => Some(Quantity::Radiance),
         Naming::Reflectance => Some(Quantity::Reflectance),
-        Naming::Wavelength => None,
+        Naming::Wavelength => {
+            let first = &header.channels.list[bands[0].1];
+            units::quantity_of(&first.name.to_string(), sidecar)?
+        }
     };
+    if quantity.is_none() {
+        notes.push(
+            "nothing says what its channels hold: reflectance is assumed (quantity=radiance if \
+             they are not)"
+                .into(),
+        );
+    }
     if *naming == Naming::Interval {
         notes.push(
             "channels named by intervals are taken as radiance, W m⁻² sr⁻¹ nm⁻¹, as Mitsuba \
@@ -153,17 +176,6 @@ fn about(chosen: &Cubes, header: &Header, left: usize, others: &[String]) -> Own
     if !others.is_empty() {
         notes.push(format!("channels that were not used: {}", others.join(", ")));
     }
-    let units = [&header.own_attributes.other, &header.shared_attributes.other]
-        .iter()
-        .find_map(|all| all.get(&Text::from("emissiveUnits")).cloned());
-    if let (Some(AttributeValue::Text(units)), Some(Quantity::Radiance)) = (units, quantity)
-        && !units.to_string().contains("nm")
-    {
-        notes.push(format!(
-            "emissiveUnits {:?} is taken as W m⁻² sr⁻¹ nm⁻¹ (scale=FACTOR if it is not)",
-            units.to_string()
-        ));
-    }
     let mut place = format!("part {}", part + 1);
     if let Some(name) = part_name(header) {
         place.push_str(&format!(" {name:?}"));
@@ -172,7 +184,20 @@ fn about(chosen: &Cubes, header: &Header, left: usize, others: &[String]) -> Own
         place.push_str(&format!(", layer {layer:?}"));
     }
     let understood = vec![format!("OpenEXR, {place}, channels named by {}", naming.words())];
-    Own { quantity, understood, notes, ..Own::default() }
+    Ok(Own { quantity, understood, notes, ..Own::default() })
+}
+
+/// What samples are multiplied by: radiance, as its unit demands.
+fn scale(header: &Header, sidecar: &Sidecar, own: &mut Own) -> f32 {
+    let unit = [&header.own_attributes.other, &header.shared_attributes.other]
+        .iter()
+        .find_map(|all| all.get(&Text::from("emissiveUnits")));
+    match (unit, sidecar.quantity.or(own.quantity)) {
+        (Some(AttributeValue::Text(unit)), Some(Quantity::Radiance)) => {
+            units::radiance_scale("emissiveUnits", &unit.to_string(), sidecar, own)
+        }
+        _ => sidecar.scale.unwrap_or(1.0),
+    }
 }
 
 impl Naming {
@@ -413,7 +438,7 @@ impl BandSource for Channels {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Grid, Scene, open as open_scene};
+    use crate::{Grid, open as open_scene};
     use ::exr::prelude::*;
 
     #[test]
@@ -456,20 +481,6 @@ mod tests {
         assert!(error.contains("20000001 x 2 pixels in a file of"), "{error}");
     }
 
-    fn layer(names: &[String], part: &str) -> Layer<AnyChannels<FlatSamples>> {
-        let channels: Vec<_> = names
-            .iter()
-            .enumerate()
-            .map(|(b, name)| {
-                let samples = (0..6).map(|i| i as f32 / 10.0 + b as f32 / 100.0).collect();
-                AnyChannel::new(name.as_str(), FlatSamples::F32(samples))
-            })
-            .collect();
-        let attributes = LayerAttributes::named(part);
-        let channels = AnyChannels::sort(channels.into());
-        Layer::new((3, 2), attributes, Encoding::SMALL_LOSSLESS, channels)
-    }
-
     #[test]
     fn names_in_use_are_understood() {
         for (name, layer, nm) in [
@@ -492,49 +503,5 @@ mod tests {
         for name in ["R", "Z", "S1.550nm", "AO_256", "band5", "albedo.B", "S0.x", "depth.Z", "-"] {
             assert!(spectral(name).is_none(), "{name}: {:?}", spectral(name));
         }
-    }
-
-    #[test]
-    fn the_part_and_layer_with_spectra_are_found_and_what_is_left_is_told() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("scene.exr");
-        let names = |prefix: &str, n: usize| -> Vec<String> {
-            (0..n).map(|b| format!("{prefix}{},0nm", 400 + 10 * b)).collect()
-        };
-        let mut second = names("a.S0.", 31);
-        second.extend(names("b.S0.", 30));
-        let rgb = ["R", "G", "B"].map(String::from);
-        let window = ImageAttributes::new(IntegerBounds::from_dimensions((3, 2)));
-        let layers = vec![layer(&rgb, "preview"), layer(&second, "spectra")];
-        Image::from_layers(window, layers).write().to_file(&path).unwrap();
-        let spec = path.to_str().unwrap();
-        let cube = crate::open_file(spec).unwrap();
-        assert_eq!((cube.quantity(), cube.size()), (Quantity::Radiance, (3, 2)));
-        assert!((cube.band(20).unwrap().data[4] - 0.6).abs() < 1e-6);
-        let notes = cube.notes().join("\n");
-        assert!(notes.contains("30 more spectral") && notes.contains("R"), "{notes}");
-        assert!(cube.understood()[0].contains("layer \"a\""), "{:?}", cube.understood());
-        let other = crate::open_file(&format!("{spec}:array=b")).unwrap();
-        assert!((other.band(20).unwrap().data[4] - 0.91).abs() < 1e-6);
-        let message = crate::open_file(&format!("{spec}:array=c")).err().unwrap().to_string();
-        assert!(message.contains("\"a\", \"b\""), "{message}");
-    }
-
-    #[test]
-    fn the_scene_of_a_cube_is_its_data_window_whatever_is_displayed() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("crop.exr");
-        let names: Vec<String> = (0..31).map(|b| format!("S0.{},0nm", 400 + 10 * b)).collect();
-        let window = ImageAttributes::new(IntegerBounds::from_dimensions((64, 48)));
-        let mut crop = layer(&names, "spectra");
-        crop.attributes.layer_position = Vec2(8, 4);
-        Image::from_layers(window, vec![crop]).write().to_file(&path).unwrap();
-        let cube = crate::open_file(path.to_str().unwrap()).unwrap();
-        assert_eq!(cube.size(), (3, 2));
-        assert!((cube.band(20).unwrap().data[4] - 0.6).abs() < 1e-6);
-        let notes = cube.notes().join("\n");
-        let words =
-            "3 x 2 from column 8, row 4 on, are the scene, not its display window of 64 x 48";
-        assert!(notes.contains(words), "{notes}");
     }
 }

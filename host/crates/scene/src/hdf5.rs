@@ -5,7 +5,9 @@ use super::cube::BandSource;
 use super::matlab::{Array, Value};
 use super::strided::{self, Bytes, Sample, Strided};
 use camrig_base::{Error, Plane, Result};
-use hdf5_pure::{ChunkIndex, DType, Dataset, Datatype, DatatypeByteOrder, File, FormatError};
+use hdf5_pure::{
+    AttrValue, ChunkIndex, DType, Dataset, Datatype, DatatypeByteOrder, File, FormatError,
+};
 use hdf5_pure::{Group, Layout, ReadSeekSource, Source};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -13,6 +15,11 @@ use std::sync::{Mutex, PoisonError};
 fn refused(error: hdf5_pure::Error) -> Error {
     use FormatError as Of;
     let said = format!("not a readable HDF5 file: {error}");
+    let unsupported = |said: String| {
+        Error::unsupported(said).help(
+            "rewrite it with h5repack -f NONE -l CONTI, or with h5py's libver='earliest' and gzip",
+        )
+    };
     match error {
         hdf5_pure::Error::Format(
             Of::InvalidLayoutVersion(_)
@@ -22,9 +29,11 @@ fn refused(error: hdf5_pure::Error) -> Error {
             | Of::UnsupportedZfp(_)
             | Of::UnsupportedVirtualLayout
             | Of::UnsupportedExternalStorage,
-        ) => Error::unsupported(said).help(
-            "rewrite it with h5repack -f NONE -l CONTI, or with h5py's libver='earliest' and gzip",
-        ),
+        ) => unsupported(said),
+        // Bytes that scale-offset left, which are no whole number of samples.
+        hdf5_pure::Error::Format(Of::FilterError(of)) if of.starts_with("shuffle") => {
+            unsupported(said)
+        }
         hdf5_pure::Error::Format(Of::SignatureNotFound) => Error::input(said).help(
             "a .mat file is read in versions 5 and 7.3, which is HDF5; one of version 4: save -v7",
         ),
@@ -266,14 +275,31 @@ pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
     Ok(arrays)
 }
 
-/// Names of an array's attributes, in order; some files keep a factor, an offset or the value of
-/// missing samples there.
-pub fn attributes(path: &Path, name: &str) -> Result<Vec<String>> {
+/// The name of an attribute, and its value if that is text.
+pub type Attribute = (String, Option<String>);
+
+/// An array's attributes, in order of names; some files keep a factor, an offset, a unit or the
+/// value of missing samples there.
+pub fn attributes(path: &Path, name: &str) -> Result<Vec<Attribute>> {
     let file = opened(path)?;
     let all = file.dataset(name).and_then(|dataset| dataset.attrs()).map_err(refused)?;
-    let mut names: Vec<String> = all.into_keys().collect();
-    names.sort();
-    Ok(names)
+    let mut found: Vec<Attribute> =
+        all.into_iter().map(|(name, value)| (name, text(value))).collect();
+    found.sort();
+    Ok(found)
+}
+
+/// The text of an attribute; none of numbers.
+fn text(value: AttrValue) -> Option<String> {
+    use AttrValue as Of;
+    match value {
+        Of::String(text) | Of::AsciiString(text) => Some(text),
+        Of::VarLenString(text) | Of::VarLenAsciiString(text) => Some(text),
+        Of::StringSized { value, .. } | Of::AsciiStringSized { value, .. } => Some(value),
+        Of::StringArray(all) | Of::AsciiStringArray(all) => all.into_iter().next(),
+        Of::VarLenStringArray(all) | Of::VarLenAsciiStringArray(all) => all.into_iter().next(),
+        _ => None,
+    }
 }
 
 fn list_group(

@@ -4,8 +4,10 @@
 
 use super::cube::{BandSource, Cube};
 use super::rgb::picture::turned;
+use super::rgb::read_png::check_band;
 use super::sidecar::{Own, Sidecar};
 use super::tiff_tags::{Gdal, check_pages};
+use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 use std::fs::File;
 use std::io::BufReader;
@@ -26,7 +28,7 @@ const COLOUR: &str =
 
 /// Opens a TIFF: a page per band, or one page with a sample per band in each pixel.
 pub(super) fn open_stack(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
-    let Pages { size, samples, pages, orientation, gdal } = stack(path)?;
+    let Pages { size, samples, pages, orientation, gdal, .. } = stack(path)?;
     let (bands, of) = if samples > 1 { (samples, "samples") } else { (pages, "pages") };
     if bands < 2 {
         return Err(Error::input("a single grey picture").help("a scene has a page for each band"));
@@ -63,20 +65,14 @@ pub(super) fn open_folder(folder: &Path, sidecar: &Sidecar) -> Result<Option<Cub
         return Err(Error::input(format!("number {} follows {}", numbers[i + 1], numbers[i]))
             .at(folder.display())
             .help(
-                "the pictures of a scene end in the numbers of its bands, none twice or missing",
+                "the pictures of a scene have their wavelength in the name (450nm), or end in the \
+                 number of the band, none twice or missing",
             ));
     }
-    let size = picture_size(&files[0])?;
-    for file in &files {
-        let other = picture_size(file).map_err(|e| e.at(file.display()))?;
-        if other != size {
-            return Err(Error::input(format!("{other:?} pixels where others have {size:?}"))
-                .at(file.display()));
-        }
-    }
+    let (size, about) = alike(&files)?;
     let names = if named_by_nm { "wavelengths" } else { "bands" };
     let understood = vec![format!("folder of {} pictures, named by {names}", files.len())];
-    let mut notes = Vec::new();
+    let mut notes: Vec<String> = about.into_iter().collect();
     if !left.is_empty() {
         let name = |p: &PathBuf| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let left: Vec<String> = left.iter().map(name).collect();
@@ -86,6 +82,29 @@ pub(super) fn open_folder(folder: &Path, sidecar: &Sidecar) -> Result<Option<Cub
     let scale = sidecar.scale.unwrap_or(1.0);
     let source = Folder { files, size, scale };
     sidecar.cube(Box::new(source), Own { nm, understood, notes, ..Own::default() }).map(Some)
+}
+
+/// The size that all bands of a folder have, and what to say of their samples.
+fn alike(files: &[PathBuf]) -> Result<((usize, usize), Option<String>)> {
+    let bands = files.iter().map(|file| band_of(file).map_err(|e| e.at(file.display())));
+    let bands = bands.collect::<Result<Vec<Band>>>()?;
+    let Band { size, kind, .. } = &bands[0];
+    for (file, band) in files.iter().zip(&bands) {
+        let other = Error::input(match (band.size == *size, band.kind == *kind) {
+            (true, true) => continue,
+            (false, _) => format!("{:?} pixels where others have {size:?}", band.size),
+            (true, false) => format!("{} where others have {kind}", band.kind),
+        });
+        return Err(other
+            .at(file.display())
+            .help("all bands are of one size and kind of samples"));
+    }
+    let mut said = bands.iter().filter_map(|band| band.said.as_ref());
+    let first = said.next().map(|first| {
+        let count = counted(1 + said.count(), "band");
+        format!("{count} not linear by what the file says ({first}): taken as linear all the same")
+    });
+    Ok((*size, first))
 }
 
 /// Whether the pictures of a folder are the bands of a cube.
@@ -122,12 +141,12 @@ pub(super) fn bands_in(folder: &Path, options: &str) -> Result<Bands> {
     }
     numbers.sort_by(f64::total_cmp);
     let said = Sidecar::read(folder, options)?.given(numbers.len()).is_some();
-    let is_nm =
-        |file: &PathBuf| file.file_stem().is_some_and(|s| s.as_encoded_bytes().ends_with(b"nm"));
+    let is_nm = |file: &PathBuf| wavelength(file).is_some();
     // Wavelengths come in steps; frames are numbered by ones.
     let in_steps = numbers.windows(2).all(|w| w[1] - w[0] > 1.0);
+    let differ = numbers.windows(2).all(|w| w[1] > w[0]);
     let named_by_nm =
-        numbers.iter().all(|n| NM.contains(n)) && (in_steps || files.iter().any(is_nm));
+        numbers.iter().all(|n| NM.contains(n)) && (in_steps || differ && files.iter().any(is_nm));
     Ok(if said || named_by_nm || numbers.len() == USUAL_BANDS {
         Bands::Yes
     } else {
@@ -177,31 +196,62 @@ fn is_tiff(path: &Path) -> bool {
     has_ending(path, &["tif", "tiff"])
 }
 
-/// The number at the end of a picture's name, perhaps before `nm`.
+/// The number of a picture's name: a wavelength, wherever it stands, else that at its end.
 fn number(path: &Path) -> Option<f64> {
-    let stem = path.file_stem()?.to_str()?.trim_end_matches("nm");
+    let stem = path.file_stem()?.to_str()?;
     let digits = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-    stem[digits..].parse().ok()
+    wavelength(path).or_else(|| stem[digits..].parse().ok())
 }
 
-fn picture_size(path: &Path) -> Result<(usize, usize)> {
+/// The number before `nm` in a picture's name.
+fn wavelength(path: &Path) -> Option<f64> {
+    let stem = path.file_stem()?.to_str()?;
+    stem.match_indices("nm").find_map(|(at, _)| {
+        let text = stem[..at].trim_end_matches(['_', ' ']);
+        let start = text.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.').len();
+        text[start..].trim_start_matches('.').parse().ok()
+    })
+}
+
+/// A picture that is a band.
+struct Band {
+    size: (usize, usize),
+    /// Its samples, in words.
+    kind: String,
+    /// What it says of samples that are not linear.
+    said: Option<String>,
+}
+
+fn band_of(path: &Path) -> Result<Band> {
     if is_png(path) {
         let reader = png_reader(path)?;
         let info = reader.info();
-        return Ok((info.width as usize, info.height as usize));
+        let size = (info.width as usize, info.height as usize);
+        let kind = kind_of(1, info.bit_depth as u8);
+        return Ok(Band { size, kind, said: check_band(info)? });
     }
-    let Pages { size, samples, pages, orientation, gdal } = stack(path)?;
+    let Pages { size, kind, samples, pages, orientation, gdal } = stack(path)?;
     if (samples, pages) != (1, 1) {
         return Err(Error::input("more than one page or sample in a pixel").help(COLOUR));
     }
     if orientation != 1 || gdal.changes_samples() {
         return Err(Error::unsupported(
-            "a band whose tags turn it (Orientation), scale it (GDAL_METADATA) or say which \
-             samples are missing (GDAL_NODATA)",
+            "a band whose tags turn it (Orientation), scale it (GDAL_METADATA, ImageJ) or say \
+             which samples are missing (GDAL_NODATA)",
         )
         .help("save it upright, with its values as samples; or all bands as one TIFF"));
     }
-    Ok(size)
+    Ok(Band { size, kind, said: None })
+}
+
+/// Samples of a format of TIFF and so many bits, in words.
+fn kind_of(format: u16, bits: u8) -> String {
+    let kind = match format {
+        2 => "signed integers",
+        3 => "real numbers",
+        _ => "integers",
+    };
+    format!("{kind} of {bits} bits")
 }
 
 fn png_reader(path: &Path) -> Result<png::Reader<BufReader<File>>> {
@@ -267,6 +317,8 @@ pub(super) fn unreadable(path: &Path, error: tiff::TiffError) -> Error {
 struct Pages {
     /// Size in pixels, as stored.
     size: (usize, usize),
+    /// Their samples, in words.
+    kind: String,
     samples: usize,
     pages: usize,
     /// How they are turned, 1 to 8 (TIFF 6.0, `Orientation`).
@@ -277,15 +329,17 @@ struct Pages {
 fn stack(path: &Path) -> Result<Pages> {
     let failed = |e| unreadable(path, e);
     let mut decoder = decoder(path, 0)?;
-    let (mut first, mut pages, mut gdal) = (None, 0, Gdal::default());
+    let (mut pages, mut gdal) = (0, Gdal::default());
+    let first = page_of(&mut decoder, path)?;
     loop {
         let page = page_of(&mut decoder, path)?;
-        let (width, height, samples, orientation) = page;
+        let Page { size: (width, height), samples, orientation, .. } = page;
         gdal.page(&mut decoder, path, samples)?;
         pages += 1;
-        if *first.get_or_insert(page) != page || (samples > 1 && pages > 1) {
-            return Err(Error::input(format!("page {pages} is {page:?}, the first {first:?}"))
-                .help("all pages are alike: columns, rows, one sample in a pixel, Orientation"));
+        if page != first || (samples > 1 && pages > 1) {
+            let (page, first) = (page.words(), first.words());
+            return Err(Error::input(format!("page {pages} is of {page}, the first of {first}"))
+                .help("all pages are alike: size, kind of samples, one in a pixel, Orientation"));
         }
         if !decoder.more_images() {
             let total = width.checked_mul(height).and_then(|n| n.checked_mul(samples));
@@ -294,7 +348,9 @@ fn stack(path: &Path) -> Result<Pages> {
             }
             decoder.seek_to_image(0).map_err(failed)?;
             check_pages(&mut decoder, samples * width * height, pages)?;
-            return Ok(Pages { size: (width, height), samples, pages, orientation, gdal });
+            gdal.calibrate(&mut decoder)?;
+            let (size, kind) = (page.size, page.kind);
+            return Ok(Pages { size, kind, samples, pages, orientation, gdal });
         }
         if pages == MOST_PAGES {
             return Err(Error::limit(format!("more than {MOST_PAGES} pages")));
@@ -303,16 +359,31 @@ fn stack(path: &Path) -> Result<Pages> {
     }
 }
 
-/// Width, height, samples in a pixel and orientation of a page.
-fn page_of(
-    decoder: &mut Decoder<BufReader<File>>,
-    path: &Path,
-) -> Result<(usize, usize, usize, u8)> {
+/// A page of a TIFF.
+#[derive(PartialEq)]
+struct Page {
+    size: (usize, usize),
+    samples: usize,
+    orientation: u8,
+    kind: String,
+}
+
+impl Page {
+    fn words(&self) -> String {
+        let Self { size: (width, height), samples, orientation, kind } = self;
+        let samples = counted(*samples, "sample");
+        format!("{width} x {height} pixels, {samples} in each, {kind}, Orientation {orientation}")
+    }
+}
+
+fn page_of(decoder: &mut Decoder<BufReader<File>>, path: &Path) -> Result<Page> {
     let failed = |e| unreadable(path, e);
     let (width, height) = decoder.dimensions().map_err(failed)?;
-    let samples = match decoder.colortype().map_err(failed)? {
-        tiff::ColorType::Gray(_) => 1,
-        tiff::ColorType::Multiband { num_samples, .. } => usize::from(num_samples),
+    let (samples, bits) = match decoder.colortype().map_err(failed)? {
+        tiff::ColorType::Gray(bits) => (1, bits),
+        tiff::ColorType::Multiband { num_samples, bit_depth } => {
+            (usize::from(num_samples), bit_depth)
+        }
         other => return Err(Error::input(format!("a picture of {other:?}")).help(COLOUR)),
     };
     let mut tag = |tag| decoder.find_tag_unsigned::<u16>(tag).map_err(failed);
@@ -325,7 +396,15 @@ fn page_of(
             .help("save it with a page per band"));
     }
     let orientation = tag(Tag::Orientation)?.filter(|n| (1..=8).contains(n)).unwrap_or(1) as u8;
-    Ok((width as usize, height as usize, samples, orientation))
+    let mut list = |tag| decoder.find_tag_unsigned_vec::<u16>(tag).map_err(failed);
+    // 1 and 2 are kinds of opacity.
+    if list(Tag::ExtraSamples)?.unwrap_or_default().iter().any(|kind| [1, 2].contains(kind)) {
+        return Err(Error::unsupported("a TIFF of bands with an opacity (alpha, ExtraSamples)")
+            .help("save it without alpha, or with 0 in ExtraSamples if it is a band"));
+    }
+    let format = list(Tag::SampleFormat)?.and_then(|all| all.first().copied()).unwrap_or(1);
+    let size = (width as usize, height as usize);
+    Ok(Page { size, samples, orientation, kind: kind_of(format, bits) })
 }
 
 /// The samples of a page of a TIFF, as stored.
@@ -450,72 +529,6 @@ mod tests {
         std::fs::remove_file(inner.join("toys_ms_07.png")).unwrap();
         let message = open_file(&spec).err().unwrap().to_string();
         assert!(message.contains("number 8 follows 6"), "{message}");
-    }
-
-    #[test]
-    fn pictures_named_by_wavelength_say_it() {
-        let dir = tempfile::tempdir().unwrap();
-        for nm in [450, 550, 650] {
-            let path = dir.path().join(format!("b{nm}nm.png"));
-            grey(&path, &[nm; 6], png::ColorType::Grayscale);
-        }
-        let cube = open_file(&format!("{}:scale=1e-3", dir.path().display())).unwrap();
-        assert!((cube.band(15).unwrap().data[0] - 0.55).abs() < 1e-6);
-    }
-
-    #[test]
-    fn a_tiff_of_pages_is_a_cube() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("stack.tif");
-        let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
-        for band in 0..4u16 {
-            let page = [0, 1, 2, 3, 4, 5].map(|i| 10 * i + band);
-            encoder.write_image::<colortype::Gray16>(3, 2, &page).unwrap();
-        }
-        let spec = path.to_str().unwrap();
-        let message = open_file(spec).err().unwrap().to_string();
-        assert!(message.contains("wavelengths of the 4 bands"), "{message}");
-        let cube = open_file(&format!("{spec}:scale=0.01,start_nm=400,step_nm=100")).unwrap();
-        assert!((cube.band(10).unwrap().data[4] - 0.41).abs() < 1e-6);
-    }
-
-    /// Two rows of three pixels, a page per band, turned by a quarter; band 2 misses a sample.
-    #[test]
-    fn tags_of_pages_are_followed() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("stack.tif");
-        let write = |pages: u16, described: &str| {
-            let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
-            for band in 0..pages {
-                let mut image = encoder.new_image::<colortype::Gray16>(3, 2).unwrap();
-                let items = ["scale\">0.01", "offset\">0.1", &format!("wavelength\">{band}00 nm")]
-                    .map(|item| format!("<Item sample=\"0\" name=\"{item}</Item>"));
-                let items = items.concat().replace(">000 nm", ">400 nm").replace(">100", ">500");
-                let tags = image.encoder();
-                tags.write_tag(Tag::Orientation, 6u16).unwrap();
-                tags.write_tag(Tag::GdalNodata, "9").unwrap();
-                tags.write_tag(Tag::Unknown(42112), items.as_str()).unwrap();
-                tags.write_tag(Tag::ImageDescription, described).unwrap();
-                image.write_data(&[0, 1, 2, 3, 4, 5 + 4 * band]).unwrap();
-            }
-            open_file(path.to_str().unwrap())
-        };
-        let cube = write(2, "").unwrap();
-        assert_eq!(cube.size(), (2, 3));
-        for (band, last) in [(0, 0.15), (10, 0.0)] {
-            let got = cube.band(band).unwrap().data;
-            for (got, right) in got.iter().zip([0.13, 0.10, 0.14, 0.11, last, 0.12]) {
-                assert!((got - right).abs() < 1e-6, "{band}: {got}, {right}");
-            }
-        }
-        assert!(cube.understood().join("\n").contains("400 to 500 nm"));
-        for described in ["ImageJ=1.53\nimages=3\n", "{\"shape\": [3, 2, 3]}"] {
-            for pages in [1, 2] {
-                let error = write(pages, described).err().unwrap().to_string();
-                assert!(error.contains("3 pictures, says its description"), "{error}");
-            }
-        }
-        assert!(write(2, "ImageJ=1.53\nimages=2\n").is_ok());
     }
 
     /// Cutting and corrupting a file gives an error or other values, never a panic.

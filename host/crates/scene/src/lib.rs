@@ -65,6 +65,7 @@ mod sidecar;
 pub mod stored;
 pub mod strided;
 mod tiff_tags;
+mod units;
 
 pub use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, Plane, Result};
@@ -346,7 +347,7 @@ fn unknown_scene(spec: &str) -> Error {
             .help("draw it first, at a number of pixels")
             .with_code("chart-not-drawn");
     }
-    let picture = ["bmp", "webp", "gif", "ppm", "heic", "avif", "jxl"];
+    let picture = ["bmp", "webp", "gif", "ppm", "pfm", "heic", "avif", "jxl"];
     if picture.iter().any(|e| name.to_ascii_lowercase().ends_with(&format!(".{e}"))) {
         return Error::unsupported(format!("{spec:?} is a picture of a kind that is not read"))
             .help("save it as PNG, JPEG, TIFF, OpenEXR or Radiance");

@@ -7,7 +7,7 @@
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
-use super::{Quantity, arrays};
+use super::{arrays, units};
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::npy;
 use std::fs::File;
@@ -78,8 +78,7 @@ fn cube(
     let scale = sidecar.scale.unwrap_or(1.0);
     let (sample, big_endian) = array.sample;
     let cube = Strided::new(bytes, array.offset, sample, big_endian, layout, scale)?;
-    let quantity = [Quantity::Reflectance, Quantity::Radiance];
-    own.quantity = quantity.into_iter().find(|quantity| name.contains(quantity.name()));
+    own.quantity = units::quantity_of(name, sidecar)?;
     let array = if name.is_empty() { String::new() } else { format!(" {name:?}") };
     let understood = format!("NumPy array{array}, {axes} from slowest to fastest, {sample:?}");
     own.understood.insert(0, understood);
@@ -151,8 +150,12 @@ fn malformed(error: zip::result::ZipError) -> Error {
     Error::input(format!("not an .npz archive: {error}"))
 }
 
-/// The arrays of an archive: places in it, names and headers.
-fn members(archive: &mut zip::ZipArchive<File>) -> Result<Vec<(usize, String, Array)>> {
+/// The arrays of an archive: places in it, names and headers. `others` get the names of what is
+/// not read, such as text.
+fn members(
+    archive: &mut zip::ZipArchive<File>,
+    others: &mut Vec<String>,
+) -> Result<Vec<(usize, String, Array)>> {
     let mut members = Vec::new();
     for index in 0..archive.len() {
         let mut member = archive.by_index(index).map_err(malformed)?;
@@ -163,8 +166,9 @@ fn members(archive: &mut zip::ZipArchive<File>) -> Result<Vec<(usize, String, Ar
             .take(HEADER_BYTES)
             .read_to_end(&mut start)
             .map_err(|e| malformed(e.into()))?;
-        if let Ok(array) = Array::read(Cursor::new(start)) {
-            members.push((index, name, array));
+        match Array::read(Cursor::new(start)) {
+            Ok(array) => members.push((index, name, array)),
+            Err(_) => others.push(name),
         }
     }
     Ok(members)
@@ -173,7 +177,8 @@ fn members(archive: &mut zip::ZipArchive<File>) -> Result<Vec<(usize, String, Ar
 fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let file = File::open(path).map_err(|e| Error::io("open", path, e))?;
     let mut archive = zip::ZipArchive::new(file).map_err(malformed)?;
-    let members = members(&mut archive)?;
+    let mut others = Vec::new();
+    let members = members(&mut archive, &mut others)?;
     let mut load = |index: usize| -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         archive
@@ -200,16 +205,22 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         let samples = bytes.get(*offset as usize..).unwrap_or(&[]).chunks_exact(sample.bytes());
         Ok(Some(samples.map(|raw| sample.read(raw, *big_endian)).collect()))
     })?;
+    if wavelengths.is_none() && sidecar.given(0).is_none() {
+        arrays::refuse_wavelengths_in(&others)?;
+    }
     let mut own = Own::default();
     let used = wavelengths.as_ref().map(|(name, _)| name.as_str());
     own.understood.extend(used.map(|name| format!("wavelengths from {name:?}")));
-    let left = list.iter().map(|(name, _)| name.as_str());
+    let left = list.iter().map(|(name, _)| name).chain(&others).map(String::as_str);
     let left: Vec<&str> = left.filter(|name| *name != of && Some(*name) != used).collect();
     if !left.is_empty() {
         own.notes.push(format!("arrays that were not used: {}", left.join(", ")));
     }
     own.nm = wavelengths.map(|(_, nm)| nm);
-    let axes = own.nm.as_ref().map_or("yxb", |nm| arrays::axes_of(&lengths, nm.len()));
+    let axes = match &own.nm {
+        Some(nm) if sidecar.axes.is_none() => arrays::axes_of(of, &lengths, nm.len())?,
+        _ => "yxb",
+    };
     let bytes = Bytes::Memory(load(*index)?);
     let array = Array { shape: array.shape.clone(), ..*array };
     cube(sidecar, array, bytes, of, axes, own)
@@ -297,16 +308,16 @@ mod tests {
             let data: Vec<u8> = data.iter().flat_map(|v| v.to_le_bytes()).collect();
             archive.write_all(&npy("<f4", "False", shape, &data)).unwrap();
         };
-        put("a.npy", "(2, 1, 2)", &[0.1, 0.2, 0.3, 0.4]);
+        put("a.npy", "(3, 1, 2)", &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]);
         put("b.npy", "(1, 2, 2)", &[1.0; 4]);
         put("fwhm_um.npy", "(2,)", &[0.4, 0.5]);
         put("lambda_um.npy", "(2,)", &[0.5, 0.6]);
         archive.finish().unwrap();
         let open = |options: &str| crate::open_file(&format!("{}{options}", path.display()));
         let error = open("").err().unwrap().to_string();
-        assert!(error.contains("array=NAME; the file has a [2, 1, 2], b [1, 2, 2]"), "{error}");
+        assert!(error.contains("array=NAME; the file has a [3, 1, 2], b [1, 2, 2]"), "{error}");
         let cube = open(":array=a").unwrap();
-        assert_eq!(cube.band(0).unwrap().data, [0.1, 0.3]);
+        assert_eq!(cube.band(0).unwrap().data, [0.1, 0.3, 0.5]);
         let understood = cube.understood().join("\n");
         assert!(understood.contains("2 bands, 500 to 600"), "{understood}");
     }

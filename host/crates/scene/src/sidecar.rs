@@ -55,13 +55,15 @@ impl Sidecar {
     /// The sidecar of `path`, if there is one, with `options` (`KEY=VALUE,...`) taking precedence.
     pub fn read(path: &Path, options: &str) -> Result<Self> {
         let file = path.with_extension("toml");
+        let there = file.exists();
         let said: Self = options::read(
-            Some(&file),
+            there.then_some(&*file),
             options,
             "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale, array and \
              negative (which is \"zero\")",
-        )?;
-        Ok(Self { file: file.exists().then_some(file), ..said })
+        )
+        .map_err(|e| if there { e } else { e.at(path.display()) })?;
+        Ok(Self { file: there.then_some(file), ..said })
     }
 
     /// Refuses keys that mean nothing for `what`.

@@ -1,5 +1,5 @@
-//! What a TIFF says of its bands beside their samples: the tags of GDAL (42112, 42113), and how
-//! many pictures the descriptions of ImageJ and tifffile announce.
+//! What a TIFF says of its bands beside their samples: the tags of GDAL (42112, 42113), ImageJ's
+//! calibration, and how many pictures the descriptions of ImageJ and tifffile announce.
 
 use super::arrays::in_nm;
 use super::images::unreadable;
@@ -52,7 +52,31 @@ pub(super) fn check_pages(
     .help("save it with a page per band: not above 4 GiB from ImageJ, nor truncated"))
 }
 
-/// What the tags of GDAL say of the bands.
+/// The offset and the factor that ImageJ's calibration gives to samples, where there is one that
+/// changes them.
+///
+/// # Errors
+/// A calibration that is no straight line.
+pub(super) fn image_j(decoder: &mut Reader) -> Result<Option<[f64; 2]>> {
+    let described = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
+    let line = |key: &str| described.lines().find_map(|line| line.strip_prefix(key));
+    let number = |key: &str| line(key)?.trim().parse::<f64>().ok().filter(|n| n.is_finite());
+    // 20 is none, by ij.measure.Calibration.
+    let curve =
+        line("cf=").filter(|curve| described.starts_with("ImageJ") && curve.trim() != "20");
+    match (curve.map(str::trim), number("c0="), number("c1=")) {
+        (None, ..) => Ok(None),
+        (Some("0"), Some(offset), Some(gain)) => {
+            Ok(Some([offset, gain]).filter(|line| *line != [0.0, 1.0]))
+        }
+        (Some(curve), ..) => {
+            Err(Error::unsupported(format!("a calibration of ImageJ by a curve (cf={curve})"))
+                .help("save the values themselves: Image, Type, 32-bit in ImageJ"))
+        }
+    }
+}
+
+/// What the tags of GDAL, or a calibration of ImageJ, say of the bands.
 #[derive(Default)]
 pub(super) struct Gdal {
     /// Band by band; not a number where nothing is said, and below.
@@ -63,6 +87,8 @@ pub(super) struct Gdal {
     words: String,
     no_data: Option<String>,
     not_used: BTreeSet<String>,
+    /// Whether gain and offset are ImageJ's.
+    image_j: bool,
 }
 
 impl Gdal {
@@ -83,6 +109,16 @@ impl Gdal {
         let items = text(decoder, path, Tag::Unknown(42112))?.unwrap_or_default();
         for item in items.split("<Item ").skip(1) {
             self.item(item, first, bands)?;
+        }
+        Ok(())
+    }
+
+    /// Takes in what ImageJ says of all bands, where GDAL says nothing.
+    pub(super) fn calibrate(&mut self, decoder: &mut Reader) -> Result<()> {
+        if let (Some([offset, gain]), false) = (image_j(decoder)?, self.changes_samples()) {
+            self.gain.fill(gain);
+            self.offset.fill(offset);
+            self.image_j = true;
         }
         Ok(())
     }
@@ -142,11 +178,12 @@ impl Gdal {
         };
         let changes = Self { no_data: None, ..self };
         let scaled = changes.changes_samples();
-        let Self { gain, offset, nm, words, not_used, .. } = changes;
+        let Self { gain, offset, nm, words, not_used, image_j, .. } = changes;
+        let of = if image_j { "ImageJ's calibration" } else { "GDAL_METADATA" };
         if scaled && sidecar.scale.is_some() {
-            own.notes.push("scale and offset of GDAL_METADATA give way to the scale given".into());
+            own.notes.push(format!("scale and offset of {of} give way to the scale given"));
         } else if scaled {
-            own.understood.push("scale and offset of GDAL_METADATA, band by band".into());
+            own.understood.push(format!("scale and offset of {of}, band by band"));
             let [gain, offset] = [all_or_none("scale", gain)?, all_or_none("offset", offset)?];
             own.stated = Stated { gain, offset, ..Stated::default() };
         }

@@ -2,15 +2,25 @@
 //! which are almost all that pictures carry.
 
 use super::picture::Said;
+use super::read_png::code_points;
 use camrig_light::colour::space::{SRGB, Space};
 use camrig_light::colour::transfer::Transfer;
-use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve};
+use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve, TransferCharacteristics};
 
 /// What a profile says.
 pub fn said(profile: &[u8]) -> Said {
     let Ok(profile) = ColorProfile::new_from_slice(profile) else {
         return Said::Unknown("an ICC profile that cannot be read".into());
     };
+    // Beside these code points a profile's curves are for those that do not know them.
+    let pq_or_hlg = [TransferCharacteristics::Smpte2084, TransferCharacteristics::Hlg];
+    if let Some(code) = profile.cicp
+        && pq_or_hlg.contains(&code.transfer_characteristics)
+    {
+        let (primaries, transfer) = (code.color_primaries, code.transfer_characteristics);
+        return code_points(primaries as u8, transfer as u8)
+            .map_or_else(|error| Said::Refused(error.at("its ICC profile")), Said::Space);
+    }
     let name = profile.description.as_ref().and_then(text);
     let tables = [
         &profile.lut_a_to_b_perceptual,
@@ -105,5 +115,9 @@ mod tests {
             assert!((found[r][c] - expected[r][c]).abs() < 1e-3, "{found:?}, not {expected:?}");
         }
         assert!(matches!(said(b"no profile"), Said::Unknown(_)));
+        assert!(matches!(
+            said(&ColorProfile::new_bt2020_pq().encode().unwrap()),
+            Said::Refused(_)
+        ));
     }
 }

@@ -18,7 +18,7 @@ mod icc;
 pub(super) mod picture;
 mod read_exr;
 mod read_jpeg;
-mod read_png;
+pub(super) mod read_png;
 mod read_radiance;
 mod read_tiff;
 

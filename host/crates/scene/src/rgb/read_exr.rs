@@ -6,6 +6,7 @@
 use super::picture::{MOST_PIXELS, Picture, Said, Samples};
 use crate::cube::BandSource;
 use crate::exr::{Channels, Window, is_spectral, part_name, refused};
+use ::exr::meta::attribute::SampleType;
 use ::exr::meta::header::Header;
 use ::exr::prelude::{MetaData, Vec2};
 use camrig_base::{Error, Result};
@@ -15,6 +16,11 @@ use std::path::Path;
 
 /// Names of the channels of a picture, in order of preference.
 const CHANNELS: [&[&str]; 3] = [&["R", "G", "B"], &["X", "Y", "Z"], &["Y"]];
+/// Names of layers with the picture itself, in order of preference.
+const PREFERRED: [&str; 4] = ["", "combined", "beauty", "rgba"];
+/// Names of layers in which X, Y and Z are directions or places, and no colours.
+const DIRECTIONS: [&str; 8] =
+    ["n", "normal", "normals", "p", "position", "vector", "vec", "motion"];
 /// The chromaticities that stand for CIE XYZ in place of primaries.
 const XYZ: [[f32; 2]; 3] = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]];
 
@@ -23,38 +29,55 @@ pub fn is_picture(path: &Path) -> Result<bool> {
     let meta = MetaData::read_from_file(path, false).map_err(refused)?;
     let names = meta.headers.iter().flat_map(|header| &header.channels.list);
     let spectra = names.map(|channel| channel.name.to_string()).any(|n| is_spectral(&n));
-    Ok(!spectra && !found(&meta).is_empty())
+    Ok(!spectra && (!found(&meta).is_empty() || has_chroma(&meta)))
+}
+
+/// Whether there is a picture of luminance and chroma, which at half the resolution is no picture
+/// of three channels.
+fn has_chroma(meta: &MetaData) -> bool {
+    let mut names = meta.headers.iter().flat_map(|header| &header.channels.list);
+    let last = |name: String| name.rsplit('.').next().is_some_and(|n| ["RY", "BY"].contains(&n));
+    names.any(|channel| last(channel.name.to_string()))
 }
 
 /// The channels of one picture in a part.
 struct Found {
     part: usize,
-    layer: String,
+    /// The name of its layer, else of its part.
+    place: String,
     names: &'static [&'static str],
     channels: Vec<usize>,
+    /// Its places in the lists of channels and of names.
+    rank: (usize, usize),
 }
 
 pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
     let meta = MetaData::read_from_file(path, false).map_err(refused)?;
     let mut pictures = found(&meta);
-    let place = |f: &Found| {
-        part_name(&meta.headers[f.part]).filter(|_| f.layer.is_empty()).unwrap_or(f.layer.clone())
-    };
-    let named = |f: &Found| wanted.is_none_or(|wanted| place(f) == wanted);
+    if pictures.is_empty() && has_chroma(&meta) {
+        return Err(Error::unsupported("a picture of luminance and chroma (Y, RY, BY)")
+            .help("convert it to R, G and B"));
+    }
+    let named = |f: &Found| wanted.is_none_or(|wanted| f.place == wanted);
     let Some(chosen) = pictures.iter().position(named) else {
-        let all: Vec<String> = pictures.iter().map(|f| format!("{:?}", place(f))).collect();
+        let all: Vec<String> = pictures.iter().map(|f| format!("{:?}", f.place)).collect();
         return Err(Error::input(format!("no picture in a layer or part {wanted:?}"))
             .help(format!("the layers with pictures are {}", all.join(", "))));
     };
     let chosen = pictures.remove(chosen);
     let header = &meta.headers[chosen.part];
+    let types: Vec<SampleType> = header.channels.list.iter().map(|c| c.sample_type).collect();
+    if chosen.channels.iter().any(|at| types[*at] == SampleType::U32) {
+        return Err(Error::unsupported("colours of whole numbers (UINT)")
+            .help("they have no unit: save them as halves or floats, 1 for white"));
+    }
     let window = Window::of(path, header, chosen.channels.len(), MOST_PIXELS)?;
     let size = window.size;
     let source = Channels {
         path: path.into(),
         window,
         part: chosen.part,
-        types: header.channels.list.iter().map(|c| c.sample_type).collect(),
+        types,
         channels: chosen.channels.clone(),
         scale: 1.0,
     };
@@ -64,8 +87,8 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
         data.iter_mut().skip(colour).step_by(3).zip(plane.data).for_each(|(v, p)| *v = p);
     }
     let mut understood = vec![format!("OpenEXR, channels {}", chosen.names.join(", "))];
-    if !place(&chosen).is_empty() {
-        understood[0].push_str(&format!(" of {:?}", place(&chosen)));
+    if !chosen.place.is_empty() {
+        understood[0].push_str(&format!(" of {:?}", chosen.place));
     }
     let mut notes = unused(header, &chosen, &pictures);
     notes.extend(window.note());
@@ -85,7 +108,7 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
     })
 }
 
-/// All pictures of a file, those without a layer's name first.
+/// All pictures of a file, the likeliest first.
 fn found(meta: &MetaData) -> Vec<Found> {
     let mut pictures = Vec::new();
     for (part, header) in meta.headers.iter().enumerate().filter(|(_, header)| !header.deep) {
@@ -105,14 +128,24 @@ fn found(meta: &MetaData) -> Vec<Found> {
             };
             // Luminance with chroma at half the resolution is no grey picture.
             let chroma = names.contains(&full(&"RY"));
-            let picture = CHANNELS.iter().filter(|_| !chroma).find_map(|kind| {
-                let channels = kind.iter().map(|name| at(&full(name))).collect::<Option<_>>()?;
-                Some(Found { part, layer: layer.into(), names: kind, channels })
+            let place = match (layer, part_name(header)) {
+                ("", Some(part)) => part,
+                _ => layer.to_string(),
+            };
+            let word = place.rsplit('.').next().unwrap_or("").to_lowercase();
+            let colours = !DIRECTIONS.contains(&&*word);
+            let alone = layer.is_empty() && meta.headers.len() == 1;
+            let preferred = PREFERRED.iter().position(|name| alone || *name == word);
+            let kinds = CHANNELS.iter().enumerate().take(if colours { CHANNELS.len() } else { 1 });
+            let picture = kinds.filter(|_| !chroma).find_map(|(kind, names)| {
+                let channels = names.iter().map(|name| at(&full(name))).collect::<Option<_>>()?;
+                let rank = (kind, preferred.unwrap_or(PREFERRED.len()));
+                Some(Found { part, place: place.clone(), names, channels, rank })
             });
             pictures.extend(picture);
         }
     }
-    pictures.sort_by_key(|f| !f.layer.is_empty());
+    pictures.sort_by_key(|f| f.rank);
     pictures
 }
 
@@ -139,8 +172,16 @@ fn unused(header: &Header, chosen: &Found, others: &[Found]) -> Vec<String> {
         notes.push(format!("channels that were not used: {}", left.join(", ")));
     }
     if !others.is_empty() {
-        let more = others.len();
-        notes.push(format!("{more} more pictures in other layers or parts (array=NAME chooses)"));
+        let name = |f: &Found| match &*f.place {
+            "" => "no layer".to_string(),
+            place => format!("{place:?}"),
+        };
+        let more: Vec<String> = others.iter().map(name).collect();
+        notes.push(format!(
+            "the picture is that of {}; array=NAME chooses another: {}",
+            name(chosen),
+            more.join(", ")
+        ));
     }
     notes
 }

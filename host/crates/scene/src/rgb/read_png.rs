@@ -74,6 +74,28 @@ fn check_samples(info: &Info<'_>) -> Result<()> {
     }
 }
 
+/// Refuses a band of a cube that is not as it is stored, and says what its file calls its colours
+/// where that is not linear.
+pub fn check_band(info: &Info<'_>) -> Result<Option<String>> {
+    check_samples(info)?;
+    let exif = info.exif_metadata.as_deref().map(Exif::read).unwrap_or_default();
+    if exif.orientation != 1 {
+        return Err(Error::unsupported("a band that its EXIF turns (Orientation)")
+            .help("save it upright, without EXIF"));
+    }
+    let linear = |transfer: &Transfer| match transfer {
+        Transfer::Linear => true,
+        Transfer::Gamma(power) => (power - 1.0).abs() < 1e-3,
+        _ => false,
+    };
+    Ok(match said(info) {
+        Said::Nothing => None,
+        Said::Space(space) => (!space.transfer.iter().all(linear)).then_some(space.name),
+        Said::Unknown(what) => Some(what),
+        Said::Refused(error) => Some(error.what().into()),
+    })
+}
+
 fn said(info: &Info<'_>) -> Said {
     if let Some(code) = &info.coding_independent_code_points {
         return match code_points(code.color_primaries, code.transfer_function) {
@@ -107,7 +129,7 @@ fn said(info: &Info<'_>) -> Said {
 }
 
 /// The space of code points of ITU-T H.273.
-fn code_points(primaries: u8, transfer: u8) -> Result<Space> {
+pub fn code_points(primaries: u8, transfer: u8) -> Result<Space> {
     let unknown = || {
         Error::unsupported(format!(
             "colours of code points {primaries} (primaries) and {transfer} (transfer)"

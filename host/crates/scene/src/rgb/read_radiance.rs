@@ -1,8 +1,8 @@
 //! Radiance pictures (`.hdr`): colours with a common exponent.
 //!
 //! Lines of the header that are read: FORMAT (RGBE or XYZE), EXPOSURE and COLORCORR (divided by,
-//! as the format demands), PRIMARIES, PIXASPECT. Without PRIMARIES they are taken as those of
-//! sRGB, which almost all programs write.
+//! as the format demands), PRIMARIES, PIXASPECT; only in the first column. Without PRIMARIES they
+//! are taken as those of sRGB, which almost all programs write.
 
 use super::picture::{Picture, Said, Samples, check_size, check_square};
 use camrig_base::{Error, Result};
@@ -19,8 +19,9 @@ const MAGIC: &[u8] = b"#?";
 /// The lines that name the coding of samples, of the same length.
 const XYZE: &[u8] = b"FORMAT=32-bit_rle_xyze";
 const RGBE: &[u8] = b"FORMAT=32-bit_rle_rgbe";
-/// Rows from the top, columns from the left.
-const UPRIGHT: ((i8, i8), (i8, i8)) = ((1, 0), (0, 1));
+/// Axes of a line of resolution, and those of rows from the top and columns from the left.
+const AXES: [&str; 4] = ["-Y", "+Y", "-X", "+X"];
+const UPRIGHT: [&str; 2] = ["-Y", "+X"];
 
 /// Whether a file is a Radiance picture; ENVI's headers have the same ending.
 pub fn is_picture(path: &Path) -> bool {
@@ -31,15 +32,11 @@ pub fn is_picture(path: &Path) -> bool {
 pub fn read(path: &Path) -> Result<Picture> {
     let mut bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
     let failed = |e| Error::input(format!("not a readable Radiance picture: {e}"));
-    let xyz = as_rgbe(&mut bytes);
+    let xyz = for_the_decoder(&mut bytes)?;
     let decoder = HdrDecoder::new_nonstrict(&bytes[..]).map_err(failed)?;
     let about = decoder.metadata();
     let size = (about.width as usize, about.height as usize);
     check_size(path, size)?;
-    if about.orientation != UPRIGHT {
-        return Err(Error::unsupported("a Radiance picture that does not begin at the top left")
-            .help("turn it first, to a resolution line of -Y HEIGHT +X WIDTH"));
-    }
     check_square("PIXASPECT", about.pixel_aspect_ratio.unwrap_or(1.0).into())?;
     let divisor = divisor(&about)?;
     let mut samples = vec![0; 12 * size.0 * size.1];
@@ -69,15 +66,32 @@ pub fn read(path: &Path) -> Result<Picture> {
     })
 }
 
-/// Whether the samples are X, Y and Z. Their coding is that of red, green and blue, the only one
-/// that the decoder takes, and the header becomes one of these.
-fn as_rgbe(bytes: &mut [u8]) -> bool {
-    let end = bytes.windows(2).position(|pair| pair == b"\n\n").unwrap_or(0);
-    let found = bytes[..end].windows(XYZE.len()).position(|part| part == XYZE);
-    if let Some(at) = found {
-        bytes[at..at + RGBE.len()].copy_from_slice(RGBE);
+/// Makes of the header one that the decoder takes, and says whether the samples are X, Y and Z:
+/// their coding is that of red, green and blue. Lines that do not begin in the first column are
+/// those of other pictures, which Radiance's programs repeat; they become remarks.
+fn for_the_decoder(bytes: &mut [u8]) -> Result<bool> {
+    let (mut xyz, mut at) = (false, 0);
+    while let Some(length) = bytes[at..].iter().position(|byte| *byte == b'\n') {
+        let line = &mut bytes[at..at + length];
+        at += length + 1;
+        if line.is_empty() {
+            break;
+        } else if line.starts_with(XYZE) {
+            line[..XYZE.len()].copy_from_slice(RGBE);
+            xyz = true;
+        } else if matches!(line[0], b' ' | b'\t') {
+            line[0] = b'#';
+        }
     }
-    found.is_some()
+    let line = bytes[at..].split(|byte| *byte == b'\n').next().unwrap_or_default();
+    let line = String::from_utf8_lossy(line);
+    let axes: Vec<&str> = line.split_whitespace().step_by(2).collect();
+    if axes.len() == 2 && axes != UPRIGHT && axes.iter().all(|axis| AXES.contains(axis)) {
+        return Err(Error::unsupported("a Radiance picture that does not begin at the top left")
+            .at(line)
+            .help("turn it first, to a resolution line of -Y HEIGHT +X WIDTH"));
+    }
+    Ok(xyz)
 }
 
 /// What to divide by: all lines of EXPOSURE and COLORCORR multiply.

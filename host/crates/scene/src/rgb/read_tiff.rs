@@ -3,7 +3,7 @@
 use super::icc;
 use super::picture::{Picture, Said, Samples, about_channels, check_size, check_square, three};
 use crate::images::{decoder, unreadable};
-use crate::tiff_tags::check_pages;
+use crate::tiff_tags::{check_pages, image_j};
 use camrig_base::{Error, Result};
 use camrig_light::colour::space::{Chromaticities, Space};
 use camrig_light::colour::transfer::Transfer;
@@ -56,6 +56,13 @@ pub fn read(path: &Path) -> Result<Picture> {
     let orientation = tag(Tag::Orientation)?.filter(|n| (1..=8).contains(n)).unwrap_or(1) as u8;
     let mut notes = Vec::new();
     about_channels(channels, &mut notes);
+    let all = tag(Tag::SamplesPerPixel)?.map_or(channels, usize::from);
+    if all > channels {
+        notes.push(format!("of the {all} samples of a pixel the first {channels} are taken"));
+    }
+    if image_j(&mut decoder)?.is_some() {
+        notes.push("ImageJ's calibration is not used: samples are taken as stored".into());
+    }
     if !decoder.more_images() {
         check_pages(&mut decoder, channels * size.0 * size.1, 1)?;
     } else {
