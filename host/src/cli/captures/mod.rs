@@ -24,8 +24,9 @@ enum Command {
 }
 
 /// List every fault of a manifest, what is still to fill in, where files say otherwise than the
-/// manifest, and everything in its frames that is not the sensor's steady behaviour: copies, codes with a step, processing, particle hits, pixels
-/// that change, wrong labels of light, drift, start-up
+/// manifest, and everything in its frames that is not the sensor's steady behaviour: copies, codes
+/// with a step, processing, particle hits, pixels that change, wrong labels of light, drift,
+/// start-up
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Exit status 0 where nothing was found, 1 where something was, 2 where the set \
