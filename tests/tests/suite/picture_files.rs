@@ -151,6 +151,38 @@ fn what_a_png_says_of_its_colours_is_heeded() {
     close("", srgb, "an ICC profile that cannot be read: sRGB is assumed");
 }
 
+/// A chunk of a PNG, with its CRC.
+fn chunk(file: &mut Vec<u8>, kind: &[u8; 4], data: &[u8]) {
+    let body = [kind, data].concat();
+    file.extend((data.len() as u32).to_be_bytes());
+    file.extend(&body);
+    file.extend(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body).to_be_bytes());
+}
+
+#[test]
+fn palettes_that_are_no_list_of_colours_are_refused() {
+    let (_dir, path) = place("palette.png");
+    // Filter and value of the one pixel, as a deflate block that is stored.
+    let pixel = [&[0x78, 0x01, 0x01, 2, 0, 0xfd, 0xff, 0, 0][..], &[0, 2, 0, 1]].concat();
+    let write = |palette: usize| {
+        let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
+        chunk(&mut file, b"IHDR", &[0, 0, 0, 1, 0, 0, 0, 1, 8, 3, 0, 0, 0]);
+        chunk(&mut file, b"PLTE", &vec![77; palette]);
+        chunk(&mut file, b"IDAT", &pixel);
+        chunk(&mut file, b"IEND", b"");
+        std::fs::write(&path, file).unwrap();
+    };
+    for bytes in [3, 6, 768] {
+        write(bytes);
+        assert_eq!(opened(&path, "").size(), (1, 1), "{bytes}");
+    }
+    for bytes in [1, 5, 554, 771] {
+        write(bytes);
+        let error = refused(&path, "");
+        assert!(error.contains("PLTE") || error.contains("PNG"), "{bytes}: {error}");
+    }
+}
+
 #[test]
 fn jpeg_is_read_turned_and_refused_for_print() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data");

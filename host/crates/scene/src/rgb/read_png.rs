@@ -24,6 +24,7 @@ pub fn read(path: &Path) -> Result<Picture> {
     let size = (reader.info().width as usize, reader.info().height as usize);
     check_size(path, size)?;
     check_samples(reader.info())?;
+    check_palette(reader.info())?;
     let (kind, depth) = reader.output_color_type();
     let channels = match kind {
         ColorType::Grayscale => 1,
@@ -71,6 +72,15 @@ fn check_samples(info: &Info<'_>) -> Result<()> {
                 .help("convert it to the full range, 0 for black and the largest for white"))
         }
         _ => Ok(()),
+    }
+}
+
+/// Refuses a palette that is no list of colours, at which the decoder panics (png 0.18.1).
+fn check_palette(info: &Info<'_>) -> Result<()> {
+    match info.palette.as_ref().map_or(0, |palette| palette.len()) {
+        bytes if bytes % 3 == 0 && bytes <= 3 * 256 => Ok(()),
+        bytes => Err(Error::input(format!("a palette (PLTE) of {bytes} bytes"))
+            .help("it has 3 bytes for each of at most 256 colours: the file is damaged")),
     }
 }
 
