@@ -104,26 +104,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     .map_err(|e| e.at(args.input.display()))?;
     output::write_file(&args.output, args.force, &bytes)?;
     format.leaves_out(&frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
-    mean_black(&format, &frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
     dark_picture(&format, &frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
     if args.hint {
         hint(&args.output, &format, &frames);
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// What to tell of black levels by place of the pattern, where a format has one for all.
-fn mean_black(format: &Format, facts: &Facts) -> Option<String> {
-    let levels = &facts.dng.as_ref()?.black_levels_dn;
-    let differ = levels.iter().any(|level| *level != levels[0]);
-    (differ && *format != Format::Dng).then(|| {
-        let each: Vec<String> = levels.iter().map(f64::to_string).collect();
-        format!(
-            "black levels differ by place of the pattern, {} DN, and {format} has one for all: \
-             their mean (a DNG keeps them)",
-            each.join(", ")
-        )
-    })
 }
 
 /// What to tell of raw samples in a picture format of 16 bits, which viewers show as they are:

@@ -35,6 +35,13 @@ impl Facts {
         }
     }
 
+    /// The black levels by place of the pattern, DN, where a DNG has others at other places.
+    #[must_use]
+    pub fn black_levels_that_differ(&self) -> Option<&[f64]> {
+        let levels = &self.dng.as_ref()?.black_levels_dn[..];
+        levels.iter().any(|level| *level != levels[0]).then_some(levels)
+    }
+
     /// The note `camrig bits=10 cfa=GRBG black=42 white=1023 exposure=0.02 iso=100`, without facts
     /// that are not known.
     pub(super) fn note(&self) -> String {

@@ -128,6 +128,33 @@ impl Frames {
         Self { planes: vec![plane], facts: Facts::of(frame) }
     }
 
+    /// Gives samples of a DNG with a black level for each place of its pattern one level, the
+    /// largest: those of the others are lifted by the difference, rounded to whole DN, so that
+    /// nothing is cut off below.
+    pub fn level_blacks(&mut self) {
+        let (Some(levels), Some(cfa)) = (self.facts.black_levels_that_differ(), &self.facts.cfa)
+        else {
+            return;
+        };
+        if levels.len() != cfa.width * cfa.height {
+            return;
+        }
+        let largest = levels.iter().copied().fold(0.0, f64::max);
+        let lifts: Vec<u16> = levels.iter().map(|l| (largest - l).round() as u16).collect();
+        for plane in &mut self.planes {
+            for (i, dn) in plane.data.iter_mut().enumerate() {
+                let (x, y) = (i % plane.width, i / plane.width);
+                *dn = dn.saturating_add(lifts[y % cfa.height * cfa.width + x % cfa.width]);
+            }
+        }
+        let lifted = levels.iter().zip(&lifts).map(|(level, lift)| level + f64::from(*lift));
+        let level = lifted.sum::<f64>() / levels.len() as f64;
+        self.facts.black_level_dn = Some(level);
+        if let Some(dng) = &mut self.facts.dng {
+            dng.black_levels_dn.clear();
+        }
+    }
+
     /// Width of the frames, pixels.
     pub fn width(&self) -> usize {
         self.planes[0].width
@@ -231,13 +258,23 @@ impl Format {
         }
     }
 
-    /// What a file of this format does not say although a reader would take it to: a sentence for
-    /// a person, `None` where nothing is left out.
-    pub fn leaves_out(&self, facts: &Facts) -> Option<String> {
-        match self {
+    /// What a file of this format does not say although a reader would take it to: a sentence each
+    /// for a person.
+    pub fn leaves_out(&self, facts: &Facts) -> Vec<String> {
+        let of_pixels = match self {
             Self::Raw(pixels) => pixels.leaves_out(facts),
             _ => None,
-        }
+        };
+        let levels = facts.black_levels_that_differ().filter(|_| *self != Self::Dng);
+        let black = levels.map(|levels| {
+            let each: Vec<String> = levels.iter().map(f64::to_string).collect();
+            format!(
+                "black levels differ by place of the pattern, {} DN, and {self} has one for all: \
+                 their mean (a DNG keeps them)",
+                each.join(", ")
+            )
+        });
+        of_pixels.into_iter().chain(black).collect()
     }
 
     /// Whether frames of this format follow one another, so that each can be written when it is

@@ -65,7 +65,10 @@ pub(super) fn tell_assumed_mono(files: &[&Path]) {
 impl Given {
     /// The first frame of a file, and the others.
     pub fn open(&self, path: &Path) -> Result<(Opened, Vec<Plane<u16>>)> {
-        let frames = formats::read(path)?;
+        let mut frames = formats::read(path)?;
+        if self.black.is_none() {
+            frames.level_blacks();
+        }
         let facts = &frames.facts;
         facts.notes.iter().for_each(|note| eprintln!("note: {note}"));
         let cfa = match (&self.cfa, &facts.cfa) {
@@ -74,41 +77,16 @@ impl Given {
             (None, None) => Cfa::parse("mono")?,
         };
         let full_scale = facts.bits.map(|b| ((1u32 << b.min(16)) - 1) as u16);
-        let by_place = match (self.black, &facts.dng) {
-            (None, Some(dng)) => dng.black_levels_dn.clone(),
-            _ => Vec::new(),
-        };
-        let mut planes = frames.planes;
-        let level = level_blacks(&mut planes, &cfa, &by_place);
-        let mut planes = planes.into_iter();
+        let mut planes = frames.planes.into_iter();
         let first = Opened {
             cfa,
             assumed_mono: self.cfa.is_none() && facts.cfa.is_none(),
             white: self.white.or(facts.white_level_dn).or(full_scale),
-            black: self.black.or(level).or(facts.black_level_dn),
+            black: self.black.or(facts.black_level_dn),
             plane: planes.next().ok_or_else(|| Error::internal("a file without frames"))?,
         };
         Ok((first, planes.collect()))
     }
-}
-
-/// Lifts samples whose place in the pattern has a lower black level to the largest level, which is
-/// returned, so that one level holds for all: nothing is cut off below. Levels are rounded to whole
-/// DN between places.
-fn level_blacks(planes: &mut [Plane<u16>], cfa: &Cfa, levels_dn: &[f64]) -> Option<f64> {
-    let largest = levels_dn.iter().copied().reduce(f64::max)?;
-    if levels_dn.len() != cfa.width * cfa.height || levels_dn.iter().all(|l| *l == largest) {
-        return None;
-    }
-    let lifts: Vec<u16> = levels_dn.iter().map(|l| (largest - l).round() as u16).collect();
-    for plane in planes {
-        for (i, dn) in plane.data.iter_mut().enumerate() {
-            let (x, y) = (i % plane.width, i / plane.width);
-            *dn = dn.saturating_add(lifts[y % cfa.height * cfa.width + x % cfa.width]);
-        }
-    }
-    let left = levels_dn.iter().zip(&lifts).map(|(l, lift)| l + f64::from(*lift));
-    Some(left.sum::<f64>() / levels_dn.len() as f64)
 }
 
 impl Opened {

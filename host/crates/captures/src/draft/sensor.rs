@@ -68,9 +68,8 @@ impl Sensor {
 
 /// A black level that files give for each place of their pattern is none of the whole sensor.
 fn black_by_place(seen: &[Seen]) -> Option<Based<f64>> {
-    let differ = |levels: &&Vec<f64>| levels.iter().any(|level| *level != levels[0]);
-    let mut all = seen.iter().filter_map(|s| Some(&s.facts.dng.as_ref()?.black_levels_dn));
-    let levels: Vec<String> = all.find(differ)?.iter().map(f64::to_string).collect();
+    let levels = seen.iter().find_map(|s| s.facts.black_levels_that_differ())?;
+    let levels: Vec<String> = levels.iter().map(f64::to_string).collect();
     Some(Based::unknown(format!(
         "the files say {} by place of the pattern: dark frames tell",
         levels.join(", ")
