@@ -239,26 +239,7 @@ fn sensor(
         .at(keys.place("cfa"))
         .help(format!("use at most {} letters", camrig_sensor_core::config::MAX_CHANNELS)));
     }
-    let (channel_names, qe) = match &file.qe {
-        NumberOrFile::Number(_) if file.qe_peak.is_some() => {
-            return Err(Error::input("qe_peak beside a number of qe")
-                .at(keys.place("qe_peak"))
-                .help("remove one of them: qe_peak scales a table"));
-        }
-        NumberOrFile::Number(q) => {
-            let q = keys.within("qe", *q, 0.0..=1.0, "electrons per photon")?;
-            let names: Vec<String> =
-                cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
-            let curves = vec![Spectrum::constant(q); names.len()];
-            (names, curves)
-        }
-        NumberOrFile::File(name) => {
-            let peak = file.qe_peak;
-            let within = |v| keys.within("qe_peak", v, 0.001..=1.0, "electrons per photon");
-            let peak = peak.map(within).transpose()?;
-            quantum_efficiency(name, &cfa, peak, folder).map_err(|e| e.at(keys.place("qe")))?
-        }
-    };
+    let (channel_names, qe) = channels(&file, &cfa, &keys, folder)?;
     let ir_cut = match &file.ir_cut {
         Some(name) => Some(
             fraction_curve(name, Outside::Zero, folder).map_err(|e| e.at(keys.place("ir_cut")))?,
@@ -319,6 +300,35 @@ fn sensor(
         noise: noise(&file.noise, &Keys { text, table: "sensor.noise", wrong })?,
         kept_noise: KeptNoise::default(),
     })
+}
+
+/// The channels' names and the quantum efficiency of each.
+fn channels(
+    file: &SensorFile,
+    cfa: &Cfa,
+    keys: &Keys<'_>,
+    folder: &Folder<'_>,
+) -> Result<(Vec<String>, Vec<Spectrum>)> {
+    match &file.qe {
+        NumberOrFile::Number(_) if file.qe_peak.is_some() => {
+            Err(Error::input("qe_peak beside a number of qe")
+                .at(keys.place("qe_peak"))
+                .help("remove one of them: qe_peak scales a table"))
+        }
+        NumberOrFile::Number(q) => {
+            let q = keys.within("qe", *q, 0.0..=1.0, "electrons per photon")?;
+            let names: Vec<String> =
+                cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
+            let curves = vec![Spectrum::constant(q); names.len()];
+            Ok((names, curves))
+        }
+        NumberOrFile::File(name) => {
+            let peak = file.qe_peak;
+            let within = |v| keys.within("qe_peak", v, 0.001..=1.0, "electrons per photon");
+            let peak = peak.map(within).transpose()?;
+            quantum_efficiency(name, cfa, peak, folder).map_err(|e| e.at(keys.place("qe")))
+        }
+    }
 }
 
 fn timing(file: &super::file::TimingFile, rows: u32, keys: &Keys<'_>) -> Result<SensorTiming> {

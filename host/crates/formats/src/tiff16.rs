@@ -51,14 +51,22 @@ fn write<K: TiffKind>(frames: &Frames) -> std::result::Result<Vec<u8>, tiff::Tif
 /// Reads TIFF bytes.
 ///
 /// # Errors
-/// Pages that are not grey or differ in size, values that are not DN from 0 to 65535, a damaged or
-/// truncated file.
+/// Pages that are not grey or differ in size or kind, values that are not DN from 0 to 65535, a
+/// damaged or truncated file.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let mut file = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
     let description = file.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
+    let mut kind = None;
     loop {
         let page = Page::read(&mut file, bytes)?;
+        let this = (page.bits, page.white_is_zero);
+        if *kind.get_or_insert(this) != this {
+            let what = "pages of different depth or PhotometricInterpretation in one TIFF file";
+            return Err(Error::unsupported(what).help(
+                "the frames of a file are of one kind: write each kind to a file of its own",
+            ));
+        }
         if frames.planes.is_empty() {
             frames.facts.bits = page.bits;
             frames.facts.taken = Taken::of_tiff(bytes);
@@ -277,6 +285,17 @@ mod tests {
         }
         let small = decode(&page(8, 0, 1, &[0, 1, 2, 3, 254, 255])).unwrap();
         assert_eq!(small.planes[0].data, [0, 1, 2, 3, 254, 255]);
+    }
+
+    /// The bits of the first page would set the white level of all.
+    #[test]
+    fn pages_of_different_depth_are_refused() {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut file = TiffEncoder::new(&mut bytes).unwrap();
+        file.write_image::<tiff::encoder::colortype::Gray8>(3, 2, &[9; 6]).unwrap();
+        file.write_image::<Gray16>(3, 2, &DN).unwrap();
+        let said = decode(&bytes.into_inner()).unwrap_err().to_string();
+        assert!(said.contains("pages of different depth"), "{said}");
     }
 
     #[test]

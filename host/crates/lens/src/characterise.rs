@@ -300,6 +300,36 @@ impl Tracer<'_> {
         point.relative_illumination = sensor_sr / aimed.train.sensor_sr;
         Ok(Traced { point, samples, captured: psf.captured })
     }
+
+    /// All that is traced at the stations, one by one, each wavelength in turn: what the choice of
+    /// heights left out beside what it traced at the probes.
+    fn complete(
+        &self,
+        stations: Vec<Station<Traced>>,
+        probes: &[usize],
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<Vec<Traced>> {
+        let bands = self.trains.len();
+        let all = stations.len() * bands;
+        let done = AtomicUsize::new(stations.len() * probes.len());
+        let traced: Result<Vec<Vec<Traced>>> = stations
+            .into_par_iter()
+            .map(|station| {
+                let mut probed = station.traced.into_iter();
+                (0..bands)
+                    .map(|w| match probes.contains(&w).then(|| probed.next()).flatten() {
+                        Some(traced) => Ok(traced),
+                        None => {
+                            let traced = self.trace(station.height_mm, w)?;
+                            progress(done.fetch_add(1, Ordering::Relaxed) + 1, all);
+                            Ok(traced)
+                        }
+                    })
+                    .collect()
+            })
+            .collect();
+        Ok(traced?.into_iter().flatten().collect())
+    }
 }
 
 /// Characterises a lens: figures and PSFs over image height and wavelength.
@@ -360,26 +390,9 @@ pub fn characterise(
         }
     };
     let heights: Vec<f64> = stations.iter().map(|s| s.height_mm).collect();
-    let all = heights.len() * trains.len();
-    let done = AtomicUsize::new(heights.len() * probes.len());
-    let rest: Result<Vec<Vec<Traced>>> = stations
-        .into_par_iter()
-        .map(|station| {
-            let mut probed = station.traced.into_iter();
-            (0..trains.len())
-                .map(|w| match probes.contains(&w).then(|| probed.next()).flatten() {
-                    Some(traced) => Ok(traced),
-                    None => {
-                        let traced = tracer.trace(station.height_mm, w)?;
-                        progress(done.fetch_add(1, Ordering::Relaxed) + 1, all);
-                        Ok(traced)
-                    }
-                })
-                .collect()
-        })
-        .collect();
+    let traced = tracer.complete(stations, &probes, progress)?;
     let (points, blocks): (Vec<FieldPoint>, Vec<(Vec<f32>, f64)>) =
-        rest?.into_iter().flatten().map(|t| (t.point, (t.samples, t.captured))).unzip();
+        traced.into_iter().map(|t| (t.point, (t.samples, t.captured))).unzip();
     let mut grid = PsfGrid {
         heights_mm: heights.clone(),
         wavelengths_nm: plan.wavelengths_nm.clone(),
