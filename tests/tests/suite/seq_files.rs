@@ -1,7 +1,7 @@
 //! What a `.seq` file says, and what of it is refused.
 
 use camrig::Result;
-use camrig::lens::prescription::{Aperture, Clip, Medium, Object};
+use camrig::lens::prescription::{Aperture, Clip, Medium, Object, Shape};
 use camrig::lens::seq::{read, read_position};
 use camrig::lens::{Catalogue, Conditions, Prescription, System};
 
@@ -257,4 +257,91 @@ fn a_vignetting_factor_in_x_is_for_both_sides() {
         |factors: &str| lens("RDM; EPD 6", &format!("STO; {factors}")).unwrap().fields.vignetting;
     assert_eq!(vignetting("VUX 0.2"), [[0.2, 0.2, 0.0, 0.0]]);
     assert_eq!(vignetting("VUX 0.2; VLX 0.1; VUY 0.3"), [[0.2, 0.1, 0.3, 0.0]]);
+}
+
+/// Apertures of one command, kind and label are one: the last value counts, as with any command.
+#[test]
+fn an_aperture_that_is_given_again_replaces_the_first() {
+    let clips = |more: &str, position| {
+        let text = format!(
+            "RDM; EPD 6; WL 550; YAN 0; SO 0 1e13\nS 0 1\nS 80 5 1.5:60; STO\nS -80 75\n\
+             SI 0 0\n{more}"
+        );
+        let lens = read_position(&text, &Catalogue::default(), position).unwrap();
+        lens.surfaces[0].clips.clone()
+    };
+    let zoomed = "CIR S1 4; ZOO 2\nZOO CIR S1 4 8";
+    assert_eq!(clips(zoomed, None), [Clip::circle(4.0)]);
+    assert_eq!(clips(zoomed, Some("2")), [Clip::circle(8.0)]);
+    let wide = "REX S1 4; REY S1 3; ZOO 2\nZOO REX S1 4 8\nZOO REY S1 3 6";
+    assert_eq!(clips(wide, Some("2")), [Clip::opening(Shape::Rectangle, [8.0, 6.0])]);
+    let width = "ELX S1 4; ELY S1 3; ZOO 2\nZOO ELX S1 4 8";
+    assert_eq!(clips(width, Some("2")), [Clip::opening(Shape::Ellipse, [8.0, 3.0])]);
+    assert_eq!(clips("CIR S1 4; CIR S1 8", None), [Clip::circle(8.0)]);
+    let several = "CIR S1 8; CIR S1 OBS 1; CIR S1 L'A' 7; CIR S1 OBS 2; REX S1 6; REY S1 5";
+    let expected = [
+        Clip::circle(8.0),
+        Clip::circle(2.0).obstacle(),
+        Clip::circle(7.0),
+        Clip::opening(Shape::Rectangle, [6.0, 5.0]),
+    ];
+    assert_eq!(clips(several, None), expected);
+}
+
+/// The value that a solve has in the file is that of the first position.
+#[test]
+fn a_kept_solve_is_no_value_of_another_zoom_position() {
+    let read = |solve: &str, position| {
+        let text = format!(
+            "RDM; EPD 6; DIM M; WL 587.6; YAN 0; SO 0 1e13\nS 60 5 NBK7_SCHOTT; STO\nS -60 9\n\
+             S 0 50\n{solve}\nSI 0 0\nZOO 2\nZOO THI S2 9 4\nGO"
+        );
+        read_position(&text, &Catalogue::default(), position)
+    };
+    assert_eq!(read("", Some("2")).unwrap().surfaces[1].thickness, 4.0);
+    for solve in ["PIM", "THI HMY 0.0", "PIK"] {
+        assert_eq!(read(solve, Some("1")).unwrap(), read(solve, None).unwrap(), "{solve}");
+        let error = read(solve, Some("2")).unwrap_err().to_string();
+        assert!(error.contains("zoom position 2") && error.contains("line 5"), "{error}");
+        assert!(error.contains(solve.trim_end_matches(" 0.0")), "{error}");
+    }
+}
+
+#[test]
+fn words_that_nothing_takes_are_refused() {
+    let text = "RDM; EPD 6; DIM M\nWL 550 600; WTW 1 2; REF 1; YAN 0\nSO 0 1e13\n\
+                S 80 5 1.5:60; STO\nS -80 75\nSI 0 0\n";
+    let read = |text: &str| read(text, &Catalogue::default());
+    assert!(read(text).is_ok());
+    for (from, to, words) in [
+        ("EPD 6", "EPD 6 20", "EPD: \"20\" is not understood"),
+        ("EPD 6", "FNO 5 6", "FNO: \"6\" is not understood"),
+        ("DIM M", "DIM M I", "DIM: \"I\" is not understood"),
+        ("REF 1", "REF 1 2", "REF: \"2\" is not understood"),
+        ("WTW 1 2", "WTW 1 2 3", "WTW has 3 weights for 2 wavelengths"),
+        ("S 80 5 1.5:60", "S 80 5 1.5:60 REFR 7", "S: \"7\" is not understood"),
+        ("SI 0 0", "SI 0 0 N-BK7", "the image lies in N-BK7"),
+        ("SI 0 0", "SI 0 0 AIR 4", "the image: \"4\" is not understood"),
+        ("SI 0 0", "SI 0 0; THI SI 1 2", "THI: \"2\" is not understood"),
+        ("YAN 0", "YAN 0; VUY F1 0.1 0.2", "VUY: \"0.2\" is not understood"),
+    ] {
+        let error = read(&text.replace(from, to)).unwrap_err().to_string();
+        assert!(error.contains(words), "{to}: {error}");
+    }
+}
+
+#[test]
+fn a_reference_wavelength_that_is_not_given_is_told() {
+    let notes = |head: &str| {
+        let text = format!(
+            "RDM; EPD 6; DIM M; YAN 0; {head}; SO 0 1e13; S 80 5 1.5:60; STO; S -80 75; SI 0 0"
+        );
+        read(&text, &Catalogue::default()).unwrap().notes
+    };
+    assert_eq!(
+        notes("WL 650 550"),
+        ["REF is not given: the first wavelength, 650 nm, is taken as the reference"]
+    );
+    assert_eq!(notes("WL 650 550; REF 1"), [""; 0]);
+    assert_eq!(notes("WL 650"), [""; 0]);
 }

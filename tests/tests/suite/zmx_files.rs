@@ -588,3 +588,136 @@ fn a_sensor_far_out_of_focus_is_told() {
     let told = notes("60");
     assert!(told[0].contains(&format!("a spot of {part:.0} % of the exit pupil")), "{told:?}");
 }
+
+/// What is told of an indented file is told where the indentation is lost: a line between those of
+/// surfaces is a surface's, and one behind the last an editor's.
+#[test]
+fn unknown_lines_of_surfaces_are_told_without_indentation() {
+    let with = |line: &str| {
+        let text = lens_text(&[("  CURV 0.025\n", &format!("  CURV 0.025\n  {line}\n")[..])]);
+        let stripped: Vec<&str> = text.lines().map(str::trim_start).collect();
+        let stripped = stripped.join("\n") + "\nEFFL 0 2 0 0 0 0 6 2\nMNUM 1 1\n";
+        [text, stripped].map(|text| read(&text, &Catalogue::default()))
+    };
+    for lens in with("FOOB 3") {
+        assert_eq!(lens.unwrap().notes, ["line 16: FOOB of a surface is not known, and not used"]);
+    }
+    for lens in with("IGNR 1") {
+        let error = lens.unwrap_err().to_string();
+        assert!(error.contains("IGNR") && error.contains("line 16"), "{error}");
+    }
+    for lens in with("IGNR 0") {
+        assert_eq!(lens.unwrap().notes, [""; 0]);
+    }
+}
+
+#[test]
+fn wavelengths_stand_by_their_number() {
+    let three = "FTYP 0 0 2 3 0 0 0";
+    let waves = |lines: &str, used: &str| {
+        let lines = format!("{lines}PWAV 1\n");
+        lens(&[
+            ("FTYP 0 0 2 1 0 0 0", used),
+            ("WAVM 1 0.5875618 1\nWAVM 2 0.92 1\nPWAV 1\n", &lines),
+        ])
+    };
+    let turned = waves("WAVM 3 0.65 1\nWAVM 2 0.55 4\nWAVM 1 0.45 3\n", three).unwrap();
+    assert_eq!(turned.wavelengths_nm, [450.0, 550.0, 650.0]);
+    assert_eq!(turned.wavelength_weights, [3.0, 4.0, 1.0]);
+    assert_eq!(turned.reference_nm, 450.0);
+    let old = waves("WAVL 0.45 0.55 0.65\nWWGT 3 4 1\n", three).unwrap();
+    assert_eq!(old, turned);
+    for (lines, missing) in [
+        ("WAVM 1 0.45 1\nWAVM 3 0.65 1\n", "wavelength 2 of 3 (FTYP) is not given"),
+        ("WAVM 1 0.45 1\nWAVM 2 0.55 1\n", "wavelength 3 of 3 (FTYP) is not given"),
+        ("WAVL 0.45 0.55\n", "wavelength 3 of 3 (FTYP) is not given"),
+    ] {
+        let error = waves(lines, three).unwrap_err().to_string();
+        assert!(error.contains(missing), "{lines}: {error}");
+    }
+    assert!(waves("WAVM 1 0.45 1\nWAVM 3 0.65 1\n", "FTYP 0").is_err());
+}
+
+#[test]
+fn a_primary_wavelength_that_is_not_given_is_told() {
+    let two = ("FTYP 0 0 2 1", "FTYP 0 0 2 2");
+    assert_eq!(
+        lens(&[two, ("PWAV 1\n", "")]).unwrap().notes,
+        ["PWAV is not given: the first wavelength, 587.5618 nm, is taken as the reference"]
+    );
+    assert_eq!(lens(&[("PWAV 1\n", "")]).unwrap().notes, [""; 0]);
+    let error = lens(&[two, ("PWAV 1\n", "PWAV 0\n")]).unwrap_err().to_string();
+    assert!(error.contains("primary wavelength 0 of 2"), "{error}");
+}
+
+#[test]
+fn lines_that_contradict_each_other_are_refused() {
+    for (from, to, words) in [
+        (
+            "ENPD 6\n",
+            "ENPD 6\nFNUM 2 0\n",
+            "\"FNUM 2 0\" contradicts line 3, \"ENPD 6\"\n  where: line 4",
+        ),
+        ("ENPD 6\n", "ENPD 6\nENPD 7\n", "contradicts line 3"),
+        ("UNIT MM\n", "UNIT MM\nUNIT IN\n", "\"UNIT IN\" contradicts line 2"),
+        ("PWAV 1\n", "WAVM 1 0.6 1\nPWAV 1\n", "contradicts line 8, \"WAVM 1 0.5875618 1\""),
+        ("  DISZ 4\n", "  DISZ 4\n  CURV 0.03\n", "\"CURV 0.03\" contradicts line 15"),
+        ("  DISZ 4\n", "  DISZ 4\n  DISZ 5\n", "\"DISZ 5\" contradicts"),
+        ("  DISZ 4\n", "  DISZ 4\n  PARM 1 2\n  PARM 1 3\n", "\"PARM 1 3\" contradicts"),
+        ("  DISZ 75\n", "  DISZ 75\n  STOP\n", "a second surface is the stop\n  where: line 18"),
+        ("YFLN 0 4\n", "YFLN 4\n", "2 fields (FTYP), of which 1 are given"),
+        ("XFLN 0 0\nYFLN 0 4\n", "", "2 fields (FTYP)"),
+    ] {
+        let error = lens(&[(from, to)]).unwrap_err().to_string();
+        assert!(error.contains(words), "{to}: {error}");
+    }
+    let plain = lens(&[]).unwrap();
+    for (from, to) in [
+        // The same said twice, and kinds of aperture that are not in use.
+        ("  DISZ 4\n", "  DISZ 4\n  DISZ 4\n"),
+        ("ENPD 6\n", "ENPD 6\nFNUM 0 0\n"),
+        ("ENPD 6\n", "OBNA 0 0\nENPD 6\n"),
+        ("  DISZ 4\n", "  DISZ 4\n  PARM 1 0\n  PARM 2 0\n"),
+        ("XFLN 0 0\n", ""),
+    ] {
+        assert_eq!(lens(&[(from, to)]).unwrap(), plain, "{to}");
+    }
+}
+
+/// Where neither `MNUM` nor the surfaces say which configuration is active, none is said to be.
+#[test]
+fn a_file_that_does_not_say_its_active_configuration_is_not_guessed() {
+    let read = |operands: &str, name| {
+        let text = lens_text(&[("PWAV 1", &format!("PWAV 1\nMNUM 2\n{operands}")[..])]);
+        read_configuration(&text, &Catalogue::default(), name)
+    };
+    // Pupils, alike thicknesses, and thicknesses of which the surfaces have neither.
+    for operands in [
+        "APER 0 1 3\nAPER 0 2 6\n",
+        "THIC 2 1 75\nTHIC 2 2 75\nWAVE 1 1 0.4\nWAVE 1 2 0.6\n",
+        "THIC 2 1 70\nTHIC 2 2 80\n",
+    ] {
+        let lens = read(operands, None).unwrap();
+        let [note] = &lens.notes[..] else { panic!("{:?}", lens.notes) };
+        assert!(note.contains("the file does not say which is active (MNUM)"), "{note}");
+        for wanted in ["1", "2"] {
+            let error = read(operands, Some(wanted)).unwrap_err().to_string();
+            let words = format!("configuration {wanted} of 2 cannot be set: the file does not");
+            assert!(error.contains(&words), "{error}");
+        }
+    }
+    let lens = read("THIC 2 1 70\nTHIC 2 2 75\nAPER 0 1 3\nAPER 0 2 6\n", None).unwrap();
+    assert!(lens.notes[0].contains("configuration 2 of 2 is taken"), "{:?}", lens.notes);
+}
+
+#[test]
+fn an_operand_without_a_value_for_the_wanted_configuration_is_refused() {
+    let read = |name| {
+        let lone = "PWAV 1\nMNUM 2 1\nTHIC 2 1 75\nTHIC 2 2 80\nCRVT 1 1 0.025";
+        let text = lens_text(&[("PWAV 1", lone)]);
+        read_configuration(&text, &Catalogue::default(), Some(name))
+    };
+    assert!(read("1").is_ok());
+    let error = read("2").unwrap_err().to_string();
+    assert!(error.contains("line 14: CRVT 1 has no value for it"), "{error}");
+}

@@ -416,15 +416,6 @@ mod fuzz {
         }
     }
 
-    #[test]
-    fn wavelengths_of_old_files_have_weights_too() {
-        let (before, behind) = ZMX.split_once("WAVM 1").unwrap();
-        let behind = &behind[behind.find("PWAV").unwrap()..];
-        let old = format!("{before}WAVL 0.4861 0.5876 0.6563\nWWGT 3 4 1\n{behind}");
-        let lens = zmx::read(&old, &Catalogue::default()).unwrap();
-        assert_eq!(lens.shares(), [(486.1, 0.375), (587.6, 0.5), (656.3, 0.125)]);
-    }
-
     /// The three files are one lens, told in three ways.
     #[test]
     fn the_same_lens_in_three_formats() {

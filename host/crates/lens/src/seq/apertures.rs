@@ -35,9 +35,23 @@ pub(super) struct Apertures {
 
 /// An aperture or an obscuration.
 struct Opening {
+    /// The start of its command: `CI`, `RE` or `EL`.
+    form: String,
     obstacle: bool,
     label: String,
-    clip: Clip,
+    /// Half of its widths in x and y; a circle has one, and others none in y until it is given.
+    half: [f64; 2],
+}
+
+impl Opening {
+    fn clip(&self) -> Clip {
+        let clip = match self.form.as_str() {
+            "CI" => Clip::circle(self.half[0]),
+            "RE" => Clip::opening(Shape::Rectangle, self.half),
+            _ => Clip::opening(Shape::Ellipse, self.half),
+        };
+        if self.obstacle { clip.obstacle() } else { clip }
+    }
 }
 
 /// `ADX` or `ADY`. It may stand before what it moves, so that this is looked up at the end.
@@ -54,7 +68,8 @@ struct Centre {
 impl Apertures {
     /// `CIR [CLR|OBS] [L'NAME'] radius`: an opening, or an obstacle; likewise half of the width in
     /// x of a rectangle (`REX`) or an ellipse (`ELX`), which `REY` and `ELY` of the same kind and
-    /// label complete, and the centre in x (`ADX`) and y (`ADY`).
+    /// label complete, and the centre in x (`ADX`) and y (`ADY`). A second value of the same
+    /// command, kind and label (another zoom position) takes the place of the first.
     pub(super) fn set(&mut self, keyword: &str, words: &[Word]) -> Result<()> {
         let (labels, rest): (Vec<Word>, Vec<Word>) =
             words.iter().cloned().partition(|w| w.kind == Kind::Label);
@@ -63,7 +78,7 @@ impl Apertures {
         let named = ["OBS", "CLR"].contains(&&kind[..]);
         let used = usize::from(named);
         let value = first(&rest[used..], keyword)?;
-        no_more(keyword, &rest[used + 1..])?;
+        no_more(keyword, &rest, used + 1)?;
         let obstacle = kind == "OBS";
         if keyword.starts_with("AD") {
             let texts: Vec<&str> = words.iter().map(|w| w.text.as_str()).collect();
@@ -76,34 +91,17 @@ impl Apertures {
             });
             return Ok(());
         }
-        let shape = if keyword.starts_with("RE") { Shape::Rectangle } else { Shape::Ellipse };
-        if keyword.ends_with('Y') {
-            return self.complete(keyword, (shape, obstacle, &label), value);
+        let form = keyword[..2].to_owned();
+        let axis = usize::from(keyword.ends_with('Y'));
+        let same = |o: &Opening| o.form == form && o.obstacle == obstacle && o.label == label;
+        match self.openings.iter().position(same) {
+            Some(known) => self.openings[known].half[axis] = value,
+            None if axis == 1 => {
+                return Err(Error::input(format!("{keyword} without the width in x"))
+                    .help("REX stands before REY, ELX before ELY, of the same kind and label"));
+            }
+            None => self.openings.push(Opening { form, obstacle, label, half: [value, f64::NAN] }),
         }
-        let aspect = if keyword == "CIR" { 1.0 } else { f64::NAN };
-        let opening = Clip { shape, aspect, ..Clip::circle(value) };
-        let clip = if obstacle { opening.obstacle() } else { opening };
-        self.openings.push(Opening { obstacle, label, clip });
-        Ok(())
-    }
-
-    /// `REY`, `ELY`: the width in y of what has one in x only.
-    fn complete(
-        &mut self,
-        keyword: &str,
-        (shape, obstacle, label): (Shape, bool, &str),
-        half: f64,
-    ) -> Result<()> {
-        let begun = self.openings.iter_mut().find(|o| {
-            let clip = &o.clip;
-            let same = clip.shape == shape && o.obstacle == obstacle && o.label == label;
-            same && clip.aspect.is_nan()
-        });
-        let Some(Opening { clip, .. }) = begun else {
-            return Err(Error::input(format!("{keyword} without the width in x"))
-                .help("REX stands before REY, ELX before ELY, of the same kind and label"));
-        };
-        clip.aspect = half / if obstacle { clip.inner } else { clip.outer };
         Ok(())
     }
 
@@ -123,7 +121,7 @@ impl Apertures {
                 _ => return Err(centre.refused(found.len())),
             }
         }
-        let placed = |(o, centre): (&Opening, [f64; 2])| o.clip.placed(scale, centre);
+        let placed = |(o, centre): (&Opening, [f64; 2])| o.clip().placed(scale, centre);
         Ok(self.openings.iter().zip(centres).map(placed).collect())
     }
 

@@ -22,8 +22,8 @@ fn set_fields(list: &mut Vec<f64>, keyword: &str, words: &[Word]) -> Result<()> 
         return Ok(());
     };
     list.resize(list.len().max(field), 0.0);
-    list[field - 1] = first(&words[1..], keyword)?;
-    no_more(keyword, &words[2..])
+    list[field - 1] = only(&words[1..], keyword)?;
+    Ok(())
 }
 
 /// Most fields that a command may name: more than CODE V has.
@@ -62,7 +62,7 @@ impl File {
                 let values = numbers(keyword, &words[..words.len().min(2)])?;
                 self.image_bent = values.first().is_some_and(|v| *v != 0.0);
                 self.image = Some(values.get(1).copied().unwrap_or(0.0));
-                Ok(())
+                in_air(words, "the image")
             }
             "S" if self.image.is_some() => {
                 Err(Error::input("a surface (S) behind the image (SI)")
@@ -77,6 +77,7 @@ impl File {
                     ..Draft::default()
                 };
                 self.surfaces.push(draft);
+                no_more(keyword, words, 4)?;
                 match words.get(3..).filter(|rest| !rest.is_empty()) {
                     Some(rest) => self.mode(self.surfaces.len() - 1, &rest[0].text),
                     None => Ok(()),
@@ -92,6 +93,7 @@ impl File {
         match keyword {
             "RDM" => self.radius_mode = Some(!off),
             "DIM" => {
+                no_more(keyword, words, 1)?;
                 self.scale = match capitals(words, 0).as_str() {
                     "M" | "MM" => 1.0,
                     "C" | "CM" => 10.0,
@@ -102,19 +104,19 @@ impl File {
                     }
                 };
             }
-            "EPD" => self.aperture = Some(Aperture::EntrancePupil(first(words, keyword)?)),
-            "FNO" => self.aperture = Some(Aperture::WorkingFNumber(first(words, keyword)?)),
-            "NA" => self.aperture = Some(Aperture::ImageNa(first(words, keyword)?)),
-            "NAO" => self.aperture = Some(Aperture::ObjectNa(first(words, keyword)?)),
+            "EPD" => self.aperture = Some(Aperture::EntrancePupil(only(words, keyword)?)),
+            "FNO" => self.aperture = Some(Aperture::WorkingFNumber(only(words, keyword)?)),
+            "NA" => self.aperture = Some(Aperture::ImageNa(only(words, keyword)?)),
+            "NAO" => self.aperture = Some(Aperture::ObjectNa(only(words, keyword)?)),
             "WL" => self.waves = numbers(keyword, words)?,
             "WTW" => self.weights = numbers(keyword, words)?,
             "REF" => {
-                let value = first(words, keyword)?;
+                let value = only(words, keyword)?;
                 if !(value.fract() == 0.0 && (1.0..=100.0).contains(&value)) {
                     return Err(Error::input(format!("REF {value}"))
                         .help("it is the number of a wavelength, from 1"));
                 }
-                self.reference = value as usize;
+                self.reference = Some(value as usize);
             }
             "YAN" | "YOB" | "YIM" | "YRI" | "XAN" | "XOB" | "XIM" | "XRI" => {
                 self.set_field(keyword, words)?;
@@ -166,6 +168,7 @@ impl File {
     fn of_surface(&mut self, command: &Command) -> Result<()> {
         let Command { line, keyword, .. } = command;
         if let Some(solve) = solve(command) {
+            self.zoom.keeps(&solve, *line);
             self.notes.push(format!(
                 "line {line}: {solve} is not solved again; the value in the file is kept"
             ));
@@ -196,7 +199,7 @@ impl File {
         match place {
             Some(index) if keyword == "STO" => {
                 self.stop = Some(index);
-                no_more(keyword, words)
+                no_more(keyword, words, 0)
             }
             Some(index) => self.change(index, keyword, words),
             None if apertures::is_about(keyword) => {
@@ -218,6 +221,7 @@ impl File {
 
     /// `THI` of the object or the image.
     fn end_distance(&mut self, of_object: bool, words: &[Word]) -> Result<()> {
+        no_more("THI", words, 1)?;
         if of_object {
             let bend = self.object.map_or(0.0, |(bend, _)| bend);
             self.object = Some((bend, distance(words, "THI")?));
@@ -310,7 +314,7 @@ impl File {
             "CON" | "ASP" | "SPH" | "AAS" | "CYL" | "RFL" | "REFL" => 0,
             _ => 1,
         };
-        no_more(keyword, words.get(taken..).unwrap_or(&[]))
+        no_more(keyword, words, taken)
     }
 
     /// `RMD`: whether a surface refracts or reflects.
@@ -332,10 +336,17 @@ fn unknown(keyword: &str) -> Error {
         .help("remove the command if it has no effect on the image")
 }
 
-pub(super) fn no_more(keyword: &str, rest: &[Word]) -> Result<()> {
-    let Some(word) = rest.first() else { return Ok(()) };
+/// The value of a command that has one.
+fn only(words: &[Word], keyword: &str) -> Result<f64> {
+    no_more(keyword, words, 1)?;
+    first(words, keyword)
+}
+
+/// Refuses words behind those that are taken.
+pub(super) fn no_more(keyword: &str, words: &[Word], taken: usize) -> Result<()> {
+    let Some(word) = words.get(taken) else { return Ok(()) };
     Err(Error::unsupported(format!("{keyword}: \"{}\" is not understood", word.text))
-        .help("one value is expected"))
+        .help("nothing is expected there"))
 }
 
 /// The distance of the object, which may be written as infinite in words.
@@ -361,12 +372,13 @@ fn solve(command: &Command) -> Option<String> {
     Some(format!("{keyword} {word}"))
 }
 
-/// Refuses an object that lies in a glass.
+/// Refuses an object or an image that lies in a glass.
 fn in_air(words: &[Word], what: &str) -> Result<()> {
+    no_more(what, words, 3)?;
     match capitals(words, 2).as_str() {
         "" | "AIR" => Ok(()),
         glass => Err(Error::unsupported(format!("{what} lies in {glass}"))
-            .help("only objects in air are traced")),
+            .help("object and image lie in air")),
     }
 }
 
@@ -422,6 +434,6 @@ impl Draft {
                 );
             }
         }
-        no_more("SCO", &words[2..])
+        no_more("SCO", words, 2)
     }
 }

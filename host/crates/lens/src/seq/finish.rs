@@ -14,6 +14,19 @@ impl File {
             let note = "STO is not given: the first surface is the stop, as in CODE V";
             self.notes.push(note.into());
         }
+        if self.weights.len() > self.waves.len() {
+            let (weights, waves) = (self.weights.len(), self.waves.len());
+            return Err(Error::input(format!(
+                "WTW has {weights} weights for {waves} wavelengths"
+            ))
+            .help("give one weight for each value of WL"));
+        }
+        if let (None, [first, _, ..]) = (self.reference, &self.waves[..]) {
+            let note = format!(
+                "REF is not given: the first wavelength, {first} nm, is taken as the reference"
+            );
+            self.notes.push(note);
+        }
         let radius_mode = match self.radius_mode {
             Some(mode) => mode,
             None => {
@@ -76,13 +89,11 @@ impl File {
         if entry.is_some() {
             surfaces.push(Surface { form: Form::Break, entry, ..Surface::plane(0.0) });
         }
-        let Some(&reference_nm) = self.waves.get(self.reference - 1) else {
-            return Err(Error::input(format!(
-                "reference wavelength {} of {}",
-                self.reference,
-                self.waves.len()
-            ))
-            .help("REF names one of the values of WL"));
+        let reference = self.reference.unwrap_or(1);
+        let Some(&reference_nm) = self.waves.get(reference - 1) else {
+            let count = self.waves.len();
+            return Err(Error::input(format!("reference wavelength {reference} of {count}"))
+                .help("REF names one of the values of WL"));
         };
         let on_axis = (FieldKind::Angle, Default::default());
         let (kind, [x, y]) = self.fields.as_ref().unwrap_or(&on_axis);

@@ -41,7 +41,7 @@ struct File {
     aperture: Option<Aperture>,
     waves: Vec<f64>,
     weights: Vec<f64>,
-    reference: usize,
+    reference: Option<usize>,
     /// Kind of the fields, and their x and y.
     fields: Option<(FieldKind, [Vec<f64>; 2])>,
     vignetting: [Vec<f64>; 4],
@@ -99,7 +99,7 @@ pub fn read_position(
     position: Option<&str>,
 ) -> Result<Prescription> {
     let zoom = Zoom::at(position);
-    let mut file = File { scale: 1.0, reference: 1, zoom, ..File::default() };
+    let mut file = File { scale: 1.0, zoom, ..File::default() };
     for command in lexer::commands(text)? {
         file.command(&command).map_err(|e| e.at(format!("line {}", command.line)))?;
     }

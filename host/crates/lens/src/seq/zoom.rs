@@ -14,12 +14,14 @@ const MOST: usize = 1000;
 pub(super) struct Zoom {
     count: usize,
     wanted: Option<String>,
+    /// The first solve whose value in the file is kept, and its line.
+    solve: Option<(usize, String)>,
 }
 
 impl Zoom {
     /// Reads this position, by its number; `None`: the first.
     pub(super) fn at(wanted: Option<&str>) -> Self {
-        Self { count: 0, wanted: wanted.map(str::to_owned) }
+        Self { wanted: wanted.map(str::to_owned), ..Self::default() }
     }
 
     /// The number of the position that is read, from 1.
@@ -35,9 +37,22 @@ impl Zoom {
         })
     }
 
+    /// Remembers a solve of which the value in the file, that of the first position, is kept.
+    pub(super) fn keeps(&mut self, solve: &str, line: usize) {
+        self.solve.get_or_insert((line, solve.to_owned()));
+    }
+
     /// Checks the choice at the end of the file, and says what was taken.
     pub(super) fn check(&self, notes: &mut Vec<String>) -> Result<()> {
         let position = self.position()?;
+        if let (Some((line, solve)), 2..) = (&self.solve, position) {
+            return Err(Error::unsupported(format!(
+                "zoom position {position}: {solve} is not solved again for it, and its value in \
+                 the file is that of position 1"
+            ))
+            .at(format!("line {line}"))
+            .help("remove the solve, and give its value in each position: ZOO THI S3 1.2 3.4"));
+        }
         if self.count > 1 {
             notes.push(format!("zoom position {position} of {} is taken", self.count));
         }

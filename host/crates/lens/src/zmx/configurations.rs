@@ -16,10 +16,10 @@ const SAME: f64 = 1e-9;
 /// The operand whose text is the title of a configuration.
 const TITLE: &str = "LTTL";
 /// Keywords of a surface that say nothing of solves and pickups (`VDSZ`, `VPAR`: variables).
-pub(super) const PLAIN: [&str; 32] = [
+pub(super) const PLAIN: [&str; 33] = [
     "TYPE", "CURV", "CONI", "DISZ", "PARM", "XDAT", "GLAS", "DIAM", "MEMA", "OEMA", "FLAP",
     "CLAP", "OBSC", "OBDC", "SCBD", "STOP", "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT",
-    "FIMP", "SQAP", "ELAP", "SQOB", "ELOB", "SPID", "UDAP", "UDOB", "VDSZ", "VPAR",
+    "FIMP", "SQAP", "ELAP", "SQOB", "ELOB", "SPID", "UDAP", "UDOB", "VDSZ", "VPAR", "IGNR",
 ];
 
 /// A value of one operand in one configuration.
@@ -118,13 +118,22 @@ impl Configurations {
         notes: &mut Vec<String>,
     ) -> Result<()> {
         let count = self.count;
-        let held = |configuration: &usize| self.holds(*configuration, surfaces);
-        let active = self.active.or_else(|| (1..=count).find(held)).unwrap_or(1);
-        let holds = self.holds(active, surfaces);
-        let wanted = wanted.map(|w| self.find(w)).transpose()?.unwrap_or(active);
+        let wanted = wanted.map(|w| self.find(w)).transpose()?;
         if count < 2 {
             return Ok(());
         }
+        let Some(active) = self.active.or_else(|| self.held(surfaces)) else {
+            let why = "the file does not say which is active (MNUM), nor do its surfaces";
+            if let Some(wanted) = wanted {
+                return Err(self.refuse(wanted, why));
+            }
+            notes.push(format!(
+                "the values of the file are taken as they stand, with {count} configurations: {why}"
+            ));
+            return Ok(());
+        };
+        let holds = self.holds(active, surfaces);
+        let wanted = wanted.unwrap_or(active);
         if wanted == active {
             notes.push(format!(
                 "configuration {active} of {count} is taken: it is the active one, {}",
@@ -142,6 +151,11 @@ impl Configurations {
         let values = || self.values.iter().filter(|v| v.configuration == wanted);
         if values().next().is_none() {
             return Err(self.refuse(wanted, "the file has no values for it"));
+        }
+        if let Some(lone) = self.without_value(wanted) {
+            let (operand, place) = (&lone.operand, &lone.place[0]);
+            let why = format!("line {}: {operand} {place} has no value for it", lone.line);
+            return Err(self.refuse(wanted, &why));
         }
         let mut set = Vec::new();
         for value in values().filter(|v| !WITHOUT_EFFECT.contains(&&v.operand[..])) {
@@ -168,6 +182,22 @@ impl Configurations {
             }
         ));
         Ok(())
+    }
+
+    /// The one configuration whose values the surfaces have; `None` where several may be.
+    fn held(&self, surfaces: &[Draft]) -> Option<usize> {
+        let mut held = (1..=self.count).filter(|number| self.holds(*number, surfaces));
+        held.next().filter(|_| held.next().is_none())
+    }
+
+    /// A value of another configuration of which there is none in this one.
+    fn without_value(&self, wanted: usize) -> Option<&Value> {
+        let same = |a: &Value, b: &Value| a.operand == b.operand && a.place == b.place;
+        let given = |value: &Value| {
+            self.values.iter().any(|v| v.configuration == wanted && same(v, value))
+        };
+        let in_effect = |v: &&Value| !WITHOUT_EFFECT.contains(&&v.operand[..]);
+        self.values.iter().filter(in_effect).find(|value| !given(value))
     }
 
     /// Whether the surfaces have what is known of this configuration's values.

@@ -45,6 +45,13 @@ impl File {
             0 => last.map_or(1, |last| last + 1),
             n => n,
         };
+        // A lens with one field on the axis may do without them.
+        let given = lists.iter().map(|list| list.len()).filter(|n| *n > 0).min();
+        let given = given.unwrap_or(1);
+        if given < used && self.counts[0] > 0 {
+            return Err(Error::input(format!("{used} fields (FTYP), of which {given} are given"))
+                .help("give as many values in XFLN and YFLN as FTYP says"));
+        }
         let at = |list: &[f64], i: usize| list.get(i).copied().unwrap_or(0.0);
         let (kind, unit) = match self.field_kind {
             0 | THEODOLITE => (FieldKind::Angle, 1.0),

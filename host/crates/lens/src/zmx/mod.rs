@@ -13,7 +13,9 @@ mod configurations;
 mod fields;
 mod known;
 mod material;
+mod said;
 mod shape;
+mod waves;
 
 use super::prescription::{Aperture, Clip, Form, Medium, Object};
 use super::prescription::{Prescription, Shape, Surface};
@@ -23,6 +25,8 @@ use camrig_glass::Catalogue;
 use camrig_glass::text::{number, numbers};
 use configurations::Configurations;
 use material::Glasses;
+use said::Said;
+use std::collections::BTreeMap;
 
 /// Object distances from which on the object counts as at infinity, in the file's unit: programs
 /// write 1e10 where they do not write INFINITY.
@@ -57,14 +61,19 @@ struct File {
     fields_x: Vec<f64>,
     fields_y: Vec<f64>,
     vignetting: [Vec<f64>; 4],
-    waves: Vec<f64>,
-    weights: Vec<f64>,
+    /// Wavelengths, nm, and their weights by number.
+    waves: BTreeMap<usize, (f64, f64)>,
     /// Those of files without a line for each wavelength.
+    old_waves: Vec<f64>,
     old_weights: Vec<f64>,
-    primary: usize,
+    primary: Option<usize>,
     makers: Vec<String>,
     surfaces: Vec<Draft>,
     configurations: Configurations,
+    said: Said,
+    /// Lines behind `SURF` of which nothing is known: they are the surface's where another of its
+    /// lines follows, and an editor's behind the last surface.
+    doubtful: Vec<(usize, String)>,
     notes: Vec<String>,
 }
 
@@ -87,27 +96,13 @@ pub fn read_configuration(
     glasses: &Catalogue,
     configuration: Option<&str>,
 ) -> Result<Prescription> {
-    let mut file = File { primary: 1, ..File::default() };
+    let mut file = File::default();
     for (i, line) in text.lines().enumerate() {
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some((keyword, rest)) = words.split_first() else { continue };
         // Editors and web pages strip the indentation of a surface's lines.
         let indented = line.starts_with([' ', '\t']);
-        let by_name = !file.configurations.have_begun() && known::is_of_surface(keyword);
-        let read = match file.surfaces.last_mut().filter(|_| indented || by_name) {
-            Some(surface) => {
-                file.configurations.surface_line(keyword, rest, i + 1);
-                match surface.keyword(keyword, rest, i + 1) {
-                    Ok(false) => {
-                        file.unknown(keyword, "of a surface", i + 1);
-                        Ok(())
-                    }
-                    read => read.map(|_| ()),
-                }
-            }
-            None => file.keyword(keyword, rest, i + 1),
-        };
-        read.map_err(|e| e.at(format!("line {}", i + 1)))?;
+        file.line(indented, keyword, rest, i + 1).map_err(|e| e.at(format!("line {}", i + 1)))?;
     }
     file.finish(glasses, configuration)
 }
@@ -130,12 +125,27 @@ fn count(words: &[&str], i: usize, keyword: &str) -> Result<usize> {
     Err(Error::input(format!("{keyword}: {v}")).help("a small whole number is expected"))
 }
 
-/// Nanometres from micrometres, rounded to 1e-6 nm, so that 0.55 µm is 550 nm exactly.
-fn nanometres(um: f64) -> f64 {
-    (um * 1e9).round() / 1e6
-}
-
 impl File {
+    /// A line; behind `SURF` it is the surface's if it is indented or by its keyword.
+    fn line(&mut self, indented: bool, keyword: &str, rest: &[&str], line: usize) -> Result<()> {
+        self.said.take(keyword, rest, (line, self.surfaces.len()))?;
+        let by_name = !self.configurations.have_begun() && known::is_of_surface(keyword);
+        if by_name || keyword == "SURF" {
+            for (line, keyword) in std::mem::take(&mut self.doubtful) {
+                self.configurations.surface_line(&keyword, &[], line);
+                self.unknown(&keyword, "of a surface", line);
+            }
+        }
+        let Some(surface) = self.surfaces.last_mut().filter(|_| indented || by_name) else {
+            return self.keyword(keyword, rest, line);
+        };
+        self.configurations.surface_line(keyword, rest, line);
+        if !surface.keyword(keyword, rest, line)? {
+            self.unknown(keyword, "of a surface", line);
+        }
+        Ok(())
+    }
+
     fn keyword(&mut self, keyword: &str, rest: &[&str], line: usize) -> Result<()> {
         match keyword {
             "MODE" if word(rest, 0, keyword)? != "SEQ" => {
@@ -154,6 +164,7 @@ impl File {
                     }
                 });
             }
+            _ if said::is_unused_aperture(keyword, rest) && self.aperture.is_some() => {}
             "ENPD" | "FNUM" | "OBNA" | "FLOA" => {
                 let words = [keyword].iter().chain(rest).map(|w| (*w).to_owned()).collect();
                 self.aperture = Some((line, words));
@@ -173,22 +184,10 @@ impl File {
             "VDYN" | "ZVDY" => self.vignetting(keyword, 1, rest)?,
             "VCXN" | "ZVCX" => self.vignetting(keyword, 2, rest)?,
             "VCYN" | "ZVCY" => self.vignetting(keyword, 3, rest)?,
-            "WAVM" => {
-                // Slots in order; those beyond the number in use hold defaults.
-                let slot = count(rest, 0, keyword)?;
-                if slot == self.waves.len() + 1 {
-                    self.waves.push(nanometres(value(rest, 1, keyword)?));
-                    let weight = if rest.len() > 2 { value(rest, 2, keyword)? } else { 1.0 };
-                    self.weights.push(weight);
-                }
-            }
-            "WAVL" if self.waves.is_empty() => {
-                let micrometres = numbers(keyword, rest)?;
-                self.waves = micrometres.into_iter().map(nanometres).collect();
-                self.counts[1] = self.counts[1].max(self.waves.len());
-            }
+            "WAVM" => self.wave(rest)?,
+            "WAVL" => self.old_waves = numbers(keyword, rest)?,
             "WWGT" => self.old_weights = numbers(keyword, rest)?,
-            "PWAV" => self.primary = count(rest, 0, keyword)?,
+            "PWAV" => self.primary = Some(count(rest, 0, keyword)?),
             "GCAT" => self.makers = rest.iter().map(|m| m.to_ascii_lowercase()).collect(),
             "SURF" => {
                 let index = count(rest, 0, keyword)?;
@@ -219,9 +218,12 @@ impl File {
                 "line {line}: temperature and pressure are ignored; indices are those at 20 °C"
             )),
             _ => {
-                let of_system = self.surfaces.is_empty() && !self.configurations.have_begun();
-                if of_system && !known::harmless_of_system(keyword, rest) {
-                    self.unknown(keyword, "of the system", line);
+                let begun = self.configurations.have_begun();
+                if !begun && !known::harmless_of_system(keyword, rest) {
+                    match self.surfaces.is_empty() {
+                        true => self.unknown(keyword, "of the system", line),
+                        false => self.doubtful.push((line, keyword.to_owned())),
+                    }
                 }
                 self.configurations.line(keyword, rest, line);
             }
@@ -409,7 +411,8 @@ impl File {
                 .at(format!("line {}", drafts[image].line))
                 .help("sensors are flat: set its curvature to 0"));
         }
-        let (waves, wavelength_weights) = self.wavelengths();
+        let (waves, wavelength_weights) = self.wavelengths()?;
+        let reference_nm = self.reference(&waves)?;
         let glasses = Glasses { catalogue: glasses, makers: &self.makers, wavelengths_nm: &waves };
         let mut surfaces = Vec::with_capacity(lens.len());
         let mut open = true;
@@ -431,20 +434,17 @@ impl File {
             }
             surfaces.push(surface);
         }
+        if let [_, second, ..] = drafts.iter().filter(|d| d.stop).collect::<Vec<_>>()[..] {
+            return Err(Error::input("a second surface is the stop")
+                .at(format!("line {}", second.line))
+                .help("mark one surface with STOP"));
+        }
         let Some(stop) = lens.iter().position(|d| d.stop) else {
             return Err(Error::input("no surface is the stop")
                 .help("mark one with STOP (not the object or the image)"));
         };
         let aperture = self.aperture(scale, &lens[stop])?;
         let fields = self.fields(scale)?;
-        let Some(&reference_nm) = waves.get(self.primary.saturating_sub(1)) else {
-            return Err(Error::input(format!(
-                "primary wavelength {} of {}",
-                self.primary,
-                waves.len()
-            ))
-            .help("PWAV names one of the WAVM lines"));
-        };
         let prescription = Prescription {
             name: self.name,
             surfaces,
@@ -460,25 +460,6 @@ impl File {
         };
         prescription.validate()?;
         Ok(prescription)
-    }
-
-    /// The wavelengths in use, nm, and their weights.
-    fn wavelengths(&mut self) -> (Vec<f64>, Vec<f64>) {
-        let mut all = std::mem::take(&mut self.waves);
-        match self.counts[1] {
-            0 if all.len() > 1 => self.notes.push(format!(
-                "the file does not say how many wavelengths are in use (FTYP): all {} are taken",
-                all.len()
-            )),
-            0 => {}
-            used => all.truncate(used),
-        }
-        let mut weights = std::mem::take(&mut self.weights);
-        if weights.is_empty() {
-            weights = std::mem::take(&mut self.old_weights);
-        }
-        weights.truncate(all.len());
-        (all, weights)
     }
 
     fn aperture(&self, scale: f64, stop: &Draft) -> Result<Aperture> {
