@@ -84,6 +84,12 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Reads a finite number.
+pub fn finite(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|v| v.is_finite());
+    number.ok_or_else(|| format!("{text:?} is not a number"))
+}
+
 /// Reads frames per second: a number, or a fraction such as `30000/1001`.
 pub fn frames_per_s(text: &str) -> Result<f64, String> {
     let (number, per) = text.split_once('/').unwrap_or((text, "1"));

@@ -111,6 +111,66 @@ fn what_an_envi_header_lacks_is_told() {
 }
 
 #[test]
+fn gains_offsets_bad_bands_and_missing_data_count() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("cube.hdr");
+    // Reflectance 0.1, 0.2, 0.3, 0.4 from 400 to 700 nm as 2 sample - 0.1; one sample of 255.
+    std::fs::write(path.with_extension("IMG"), [10, 15, 20, 25, 10, 15, 255, 25]).unwrap();
+    let header = "\u{feff}ENVI\nsamples = 1\nlines = 2\nbands = 4\ndata type = 1\n\
+                  interleave = bip\nwavelength = {400, 500, 600, 700,\n}\n\
+                  data gain values = {0.02, 0.02, 0.02, 0.02}\n\
+                  data offset values = {-0.1, -0.1, -0.1, -0.1}\n\
+                  data ignore value = 255\nbbl = {1, 0, 1, 1}\n";
+    std::fs::write(&path, header).unwrap();
+    let scene = open(path.to_str().unwrap()).unwrap();
+    // The bad band, the missing sample, and the unit of the wavelengths.
+    assert_eq!(scene.notes().len(), 3, "{:?}", scene.notes());
+    let grid = Grid { width: 1, height: 2, left: -0.5, top: -1.0, cell: 1.0 };
+    // The bad band at 500 nm lies between its neighbours: on the line, as the truth does.
+    for (band, expected) in [(10, [0.2, 0.05]), (25, [0.35, 0.2])] {
+        let plane = scene.plane(band, &grid).unwrap();
+        for (got, expected) in plane.data.iter().zip(expected) {
+            assert!((got - expected).abs() < 1e-6, "{band}: {got} for {expected}");
+        }
+    }
+}
+
+/// A sample of 500 with a gain of 0.01 is 5, which ENVI's reference means in W/(m² sr µm).
+#[test]
+fn the_unit_of_radiance_in_an_envi_header_counts_and_its_lack_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("cube.hdr");
+    std::fs::write(path.with_extension("img"), [244, 1, 244, 1]).unwrap();
+    let header = "ENVI\nsamples = 1\nlines = 1\nbands = 2\ndata type = 12\nbyte order = 0\n\
+                  interleave = bsq\nquantity = radiance\nwavelength = {500, 600}\n\
+                  wavelength units = Nanometers\n";
+    let gains = "data gain values = {0.01, 0.01}\n";
+    let titles = |unit: &str| format!("z plot titles = {{Wavelength (nm), Radiance {unit}}}\n");
+    for (more, options, value, told) in [
+        (gains.to_string(), "", 5.0, true),
+        (gains.to_string(), ":scale=0.001", 0.005, false),
+        (format!("{gains}{}", titles("(W/(m2*um*sr))")), "", 0.005, false),
+        (format!("{gains}{}", titles("[W/m2/sr/nm]")), "", 5.0, false),
+        (titles("(uW/cm2/sr/nm)"), "", 5.0, false),
+        (titles(""), "", 500.0, false),
+    ] {
+        std::fs::write(&path, format!("{header}{more}")).unwrap();
+        let cube = open_file(&format!("{}{options}", path.display())).unwrap();
+        let got = cube.band(0).unwrap().data[0];
+        assert!((got / value - 1.0).abs() < 1e-5, "{more}{options}: {got}");
+        let notes = cube.notes().join("\n");
+        assert_eq!(notes.contains("W m⁻² sr⁻¹ µm⁻¹"), told, "{more}{options}: {notes}");
+    }
+    let twice = format!("{header}reflectance scale factor = 100\n");
+    std::fs::write(&path, format!("{twice}{gains}")).unwrap();
+    let spec = path.display().to_string();
+    assert!(refused(&spec).contains("would both scale the samples"), "{}", refused(&spec));
+    assert!(open_file(&format!("{spec}:scale=0.001")).is_ok());
+    std::fs::write(&path, format!("{twice}data gain values = {{1, 1.0}}\n")).unwrap();
+    assert!((open_file(&spec).unwrap().band(0).unwrap().data[0] / 5.0 - 1.0).abs() < 1e-5);
+}
+
+#[test]
 fn the_line_gamma_of_a_radiance_picture_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("picture.hdr");

@@ -8,7 +8,8 @@
 //!   while they are written; [`stop`]: work that a signal stops between two pieces;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
 //!   [`options`]: those behind a name, `KEY=VALUE,...`;
-//! * [`median`], and [`platform`] for what operating systems do differently.
+//! * [`median`]; [`copies`]: the same frame again; and [`platform`] for what operating systems do
+//!   differently.
 //!
 //! ```
 //! use camrig_base::{Bands, Cfa, RawFrame, Spectrum};
@@ -35,6 +36,7 @@
 pub mod alternatives;
 mod cfa;
 pub mod choice;
+pub mod copies;
 mod error;
 mod frame;
 pub mod median;
@@ -48,7 +50,9 @@ mod spectrum;
 pub mod stop;
 pub mod table;
 mod table_form;
+mod table_fractions;
 mod table_header;
+mod table_marks;
 mod table_quantity;
 pub mod tails;
 pub mod toml_text;

@@ -8,6 +8,7 @@
 
 use crate::spectrum::Outside;
 use crate::table_form::{Form, content};
+use crate::table_marks::Marks;
 pub use crate::table_quantity::Wanted;
 use crate::{Error, Result, Spectrum};
 use std::borrow::Cow;
@@ -26,6 +27,10 @@ pub struct SpectralTable {
     pub curves: Vec<(String, Vec<f64>)>,
     /// What the header says of each curve, in full; [`SpectralTable::convert`] goes by it.
     pub(crate) headers: Vec<String>,
+    /// A line above the header that says per cent.
+    pub(crate) percent_above: Option<String>,
+    /// Whether the curves are what was wanted, whatever the headers say.
+    pub(crate) is_converted: bool,
     /// What the file says of wavelengths outside.
     pub outside: Option<Outside>,
     /// What was assumed, for the user.
@@ -48,8 +53,9 @@ impl SpectralTable {
     /// Parses the text of a file.
     ///
     /// # Errors
-    /// A unit that is not one of wavelength, a field that is not a finite number, wavelengths that
-    /// neither rise nor fall, no lines. The error names the line.
+    /// A unit that is not one of wavelength, a field that is not a finite number, commas that may
+    /// stand between thousands, wavelengths that neither rise nor fall, no lines. The error names
+    /// the line.
     pub fn parse(text: &str) -> Result<Self> {
         let text = text.trim_start_matches('\u{feff}');
         let text = &with_line_feeds(text)[..];
@@ -58,7 +64,7 @@ impl SpectralTable {
         let mut wavelength: Vec<f64> = Vec::new();
         let mut curves: Vec<(String, Vec<f64>)> =
             form.names.iter().map(|name| (name.clone(), Vec::new())).collect();
-        let mut lines = Vec::new();
+        let (mut lines, mut marks) = (Vec::new(), Marks::default());
         for (line, text) in content(text).skip(form.header_lines) {
             let fields = form.fields(text);
             let place = || format!("line {line}");
@@ -82,7 +88,9 @@ impl SpectralTable {
             for (column, (_, values)) in curves.iter_mut().enumerate() {
                 values.push(number(column + 1)?);
             }
+            fields.iter().for_each(|field| marks.see(line, field));
         }
+        marks.check()?;
         if wavelength.is_empty() {
             return Err(Error::input("the table has no lines below its header"));
         }
@@ -101,8 +109,18 @@ impl SpectralTable {
             curves.iter_mut().for_each(|(_, values)| values.reverse());
         }
         let outside = outside(text)?;
-        let headers = form.headers;
-        Ok(Self { wavelength_nm, curves, headers, outside, remarks, name: None })
+        let Form { headers, percent_above, .. } = form;
+        let (is_converted, name) = (false, None);
+        Ok(Self {
+            wavelength_nm,
+            curves,
+            headers,
+            percent_above,
+            is_converted,
+            outside,
+            remarks,
+            name,
+        })
     }
 
     /// The table with the name that remarks call it by.
@@ -151,7 +169,28 @@ impl SpectralTable {
 
     /// The column of that name (any letter case).
     pub fn column(&self, name: &str) -> Option<usize> {
-        self.curves.iter().position(|(n, _)| n.eq_ignore_ascii_case(name))
+        self.columns(name).next()
+    }
+
+    /// The column of that name, where only one may have it.
+    ///
+    /// # Errors
+    /// Two columns of that name.
+    pub fn only_column(&self, name: &str) -> Result<Option<usize>> {
+        let mut columns = self.columns(name);
+        let (Some(one), Some(other)) = (columns.next(), columns.next()) else {
+            return Ok(self.column(name));
+        };
+        // Wavelengths are the first column of the file.
+        let told = |i: usize| format!("{} ({:?})", i + 2, self.headers[i]);
+        let (one, other) = (told(one), told(other));
+        Err(Error::input(format!("columns {one} and {other} are both named {name:?}"))
+            .help("leave out or rename all of them but the one that is meant"))
+    }
+
+    fn columns(&self, name: &str) -> impl Iterator<Item = usize> {
+        let named = |i: &usize| self.curves[*i].0.eq_ignore_ascii_case(name);
+        (0..self.curves.len()).filter(named)
     }
 }
 
@@ -282,6 +321,17 @@ mod tests {
         assert!(two.column("g") == Some(1) && two.remarks.is_empty(), "{two:?}");
         let table = SpectralTable::parse("nm,r (%),g (%)\n400,50,60\n").unwrap();
         assert_eq!((&table.headers[1][..], table.column("g")), ("g (%)", Some(1)));
+    }
+
+    #[test]
+    fn a_name_that_two_columns_have_is_refused() {
+        let text = "wavelength_nm,r (min),R (typ),g\n400,0.1,0.2,0.3\n";
+        let mut table = SpectralTable::parse(text).unwrap();
+        table.convert(Wanted::Efficiency).unwrap();
+        let error = table.only_column("r").unwrap_err().to_string();
+        assert!(error.contains("columns 2 (\"r (min)\") and 3 (\"R (typ)\")"), "{error}");
+        assert_eq!(table.only_column("g").unwrap(), Some(2));
+        assert_eq!(table.only_column("b").unwrap(), None);
     }
 
     #[test]

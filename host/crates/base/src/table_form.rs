@@ -1,6 +1,7 @@
 //! How the lines of a spectral table are written: separator, decimals, header and unit.
 
 use crate::numbers::counted;
+use crate::table_header::Header;
 use crate::{Error, Result};
 
 /// Wavelengths in nm and in µm, to tell one unit from the other where nothing says it.
@@ -49,6 +50,8 @@ pub struct Form {
     pub names: Vec<String>,
     /// What the header says of those columns: names, units, remarks; empty without one.
     pub headers: Vec<String>,
+    /// A line above the header that says of light that it is given in per cent.
+    pub percent_above: Option<String>,
     unit: Option<Unit>,
 }
 
@@ -135,14 +138,19 @@ impl Form {
             let columns = separator.fields(first).len() - 1;
             let names = (1..=columns).map(|n| format!("column {n}")).collect();
             let headers = vec![String::new(); columns];
-            let form = Self { separator, header_lines: 0, names, headers, unit: None };
+            let (header_lines, percent_above, unit) = (0, None, None);
+            let form = Self { separator, header_lines, names, headers, percent_above, unit };
             return Ok((form, below_end(text).into_iter().collect()));
         }
         let (header_lines, numbers, separator) = first_numbers(text)?;
         let columns = separator.fields(numbers).len() - 1;
-        let header: Vec<&str> = content(text).map(|(_, line)| line).take(header_lines).collect();
-        let (used, header) = joined(&header, separator, columns);
-        let (form, mut remarks) = Self::with_header(&header, header_lines, separator, columns)?;
+        let above: Vec<&str> = content(text).map(|(_, line)| line).take(header_lines).collect();
+        let (used, header) = joined(&above, separator, columns);
+        let (mut form, mut remarks) =
+            Self::with_header(&header, header_lines, separator, columns)?;
+        let mut passed = above.iter().take(header_lines - used);
+        let percent = passed.find(|line| Header::of(line).is_percent_of_light());
+        form.percent_above = percent.map(|line| line.to_string());
         remarks.extend(below_end(text));
         if header_lines > used {
             let passed = header_lines - used;
@@ -189,7 +197,8 @@ impl Form {
         if unit.is_none() && !known {
             remarks.push(format!("its first column, {of_wavelength:?}, is taken as wavelength"));
         }
-        Ok((Self { separator, header_lines, names, headers, unit }, remarks))
+        let percent_above = None;
+        Ok((Self { separator, header_lines, names, headers, percent_above, unit }, remarks))
     }
 
     /// The fields of a line.

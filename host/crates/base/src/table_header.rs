@@ -25,6 +25,13 @@ const LUMEN: [&str; 5] = ["lm", "lumen", "lumens", "cd", "candela"];
 const TRANSMITTANCE: [&str; 8] =
     ["t", "%t", "t%", "trans", "transmittance", "transmission", "transmissivity", "throughput"];
 const REFLECTANCE: [&str; 6] = ["%r", "r%", "refl", "reflectance", "reflectivity", "reflection"];
+const EFFICIENCY: [&str; 2] = ["qe", "efficiency"];
+/// Words of wavelength and frequency that values may be multiplied by.
+const LIGHT: [&str; 6] = ["lambda", "λ", "wavelength", "nu", "ν", "frequency"];
+/// Signs of a product, beside letters.
+const TIMES: [char; 4] = ['*', '×', '·', '⋅'];
+/// What follows the name of values on another scale: `T (‰)`, `T (10^-3)`.
+const SCALES: [&str; 7] = ["‰", "‱", "10^", "10⁻", "10²", "10³", "10⁶"];
 /// Photons in a mole.
 const MOLE_PHOTONS: f64 = 6.022_140_76e23;
 /// Times a power per Hz over the square of the wavelength in nm it is a power per nm: c in nm/s.
@@ -94,6 +101,10 @@ impl Word {
 /// The words of a column's header.
 pub struct Header {
     words: Vec<Word>,
+    /// Whether one of them is a mark of another scale.
+    is_marked: bool,
+    /// Whether the values are multiplied by their wavelength or frequency.
+    is_times_light: bool,
 }
 
 impl Header {
@@ -161,9 +172,53 @@ impl Header {
             }
             (divides, before) = (per, None);
         }
+        let times = |mark: Option<char>| mark.is_some_and(|mark| TIMES.contains(&mark));
+        let light = |word: &Word| word.is(&LIGHT) && (times(word.before) || times(word.after));
+        let is_times_light = words.iter().any(light);
         let of_wavelength = words.iter().take_while(|word| word.is(&WAVELENGTH)).count();
         words.drain(..of_wavelength);
-        Self { words }
+        let is_marked = SCALES.iter().any(|mark| header.contains(mark));
+        Self { words, is_marked, is_times_light }
+    }
+
+    /// Whether the values are written on a scale of their own: in parts per thousand or million,
+    /// or times a power of ten, as in `T (‰)`, `T*1000` and `T (x10^-2)`.
+    pub fn is_scaled(&self) -> bool {
+        let parts = ["ppm", "ppb", "permil", "permill", "permille", "promille", "mille"];
+        let ten = |word: &Word| word.is_number() && word.text.starts_with("10");
+        let joined = |word: &Word| {
+            let times = word.whole.strip_prefix(['x', 'X']).is_some_and(|n| n.starts_with("10"));
+            times || word.depth > 0 && word.text == "1e"
+        };
+        let product = |i: usize| {
+            let sign = self.words[i].before.is_some_and(|mark| TIMES.contains(&mark));
+            let said = i > 0 && self.words[i - 1].is(&["x", "times"]);
+            // A number before the sign makes a size of it, as in `10 x 10 mm`.
+            let of = i.checked_sub(if sign { 1 } else { 2 });
+            ten(&self.words[i])
+                && (sign || said)
+                && of.is_none_or(|of| !self.words[of].is_number())
+        };
+        self.is_marked
+            || self.has(&parts)
+            || self.words.iter().skip(1).any(joined)
+            || (0..self.words.len()).any(product)
+    }
+
+    /// Whether the values are what a quantity leaves of the whole, or its inverse: `1-T`, `1/T`.
+    pub fn is_complement(&self) -> bool {
+        let names = [&TRANSMITTANCE[..], &REFLECTANCE, &EFFICIENCY, &["r"]].concat();
+        let of_whole = |(whole, name): (&Word, &Word)| {
+            ["1", "100"].contains(&&whole.text[..])
+                && matches!(name.before, Some('-' | '/'))
+                && name.is(&names)
+        };
+        !self.has(&["log", "lg", "ln"]) && self.pairs().any(of_whole)
+    }
+
+    /// Whether the values are multiplied by wavelength or frequency, as in `λI(λ)`.
+    pub fn is_times_light(&self) -> bool {
+        self.is_times_light || self.has(&["λi", "λe", "λf", "λl", "λp", "νfν", "νf", "nufnu"])
     }
 
     fn has(&self, names: &[&str]) -> bool {
@@ -203,6 +258,12 @@ impl Header {
         self.has(&["percent", "pct", "percentage"])
             || self.words.iter().any(|word| word.below && word.is(&["cent"]))
             || self.words.iter().any(|word| word.text.contains('%') && !sized(word))
+    }
+
+    /// Whether it says of light that it is given in per cent.
+    pub fn is_percent_of_light(&self) -> bool {
+        let light = self.is_transmittance() || self.has(&REFLECTANCE) || self.has(&EFFICIENCY);
+        light && self.is_percent()
     }
 
     /// Whether the values are relative to an unknown scale.
@@ -394,7 +455,11 @@ impl Header {
         if let Some(scale) = moles.or_else(einsteins) {
             return Some(scale * MOLE_PHOTONS);
         }
-        let rates = ["flux", "fluence", "irradiance", "radiance", "exitance", "rate", "intensity"];
+        let rates = [
+            &["flux", "fluence", "irradiance", "radiance", "exitance", "rate", "intensity"][..],
+            &["number", "count", "counts"],
+        ]
+        .concat();
         let unit = |(word, next): (&Word, &Word)| {
             word.is(&["photon", "ph"]) && next.is(&area_or_time) && next.divides()
         };
@@ -402,6 +467,17 @@ impl Header {
             || self.has(&["photon", "quantum"]) && self.has(&rates)
             || self.pairs().any(unit))
         .then_some(1.0)
+    }
+
+    /// Whether the values are those of a spectrometer, of which each wavelength has its own scale.
+    pub fn is_counts(&self) -> bool {
+        let counts = ["counts", "count", "cps", "adu", "dn"];
+        self.has(&counts) && self.photons().is_none()
+    }
+
+    /// Whether the values are per frequency by their symbol, as in `F_nu`.
+    pub fn is_spectral_by_frequency(&self) -> bool {
+        self.has(&["nu", "ν", "fnu", "fν", "lnu", "lν", "inu", "iν", "bnu", "bν", "snu", "sν"])
     }
 
     /// Power per frequency, wavenumber or energy of a photon: times which it is a power per nm
@@ -446,6 +522,9 @@ impl Header {
     pub fn is_luminous(&self) -> bool {
         let luminous = |word: &Word| word.is(&LUX) || word.prefix(&LUMEN).is_some();
         let watts = self.words.iter().any(|word| word.prefix(&WATT).is_some());
+        if !watts && self.has(&["luminous", "luminance", "illuminance"]) {
+            return true;
+        }
         // What is per lux or lumen is of another unit itself.
         let divided = watts || self.photons().is_some();
         self.unit(|word| luminous(word) && !(word.divides() && divided))

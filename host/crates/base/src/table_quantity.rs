@@ -61,7 +61,17 @@ impl Quantity {
         let header = Header::of(header);
         let fraction = matches!(wanted, Wanted::Fraction | Wanted::Transmittance);
         let refused = match wanted {
+            _ if header.is_times_light() => Some(Self::Refused(
+                "values times their wavelength or frequency",
+                "divide them by it, and name the column by what is left",
+            )),
             Wanted::Power => no_power(&header),
+            _ if header.is_scaled() => {
+                Some(Self::Refused("values of another scale", wanted.help()))
+            }
+            _ if header.is_complement() => {
+                Some(Self::Refused("what is left of the whole, or inverse values", wanted.help()))
+            }
             Wanted::Efficiency | Wanted::EfficiencyShape => no_efficiency(&header, wanted),
             Wanted::Fraction | Wanted::Transmittance => no_fraction(&header, wanted),
         };
@@ -185,6 +195,14 @@ fn no_power(header: &Header) -> Option<Quantity> {
             "photons or decibels per frequency or wavenumber",
             "give them per nm",
         ))
+    } else if header.is_spectral_by_frequency() && !per_frequency {
+        Some(Quantity::Refused(PER_FREQUENCY, "give it per nm, or name the unit of the values"))
+    } else if header.is_counts() {
+        Some(Quantity::Refused(
+            "counts of a spectrometer, each wavelength with a scale of its own",
+            "correct them by the spectrometer's calibration; name the column power if they are \
+             corrected",
+        ))
     } else {
         None
     }
@@ -250,6 +268,9 @@ impl Wanted {
 impl SpectralTable {
     /// What the values of the columns are.
     fn quantities(&self, wanted: Wanted) -> Vec<Quantity> {
+        if self.is_converted {
+            return vec![Quantity::Plain; self.headers.len()];
+        }
         self.headers.iter().map(|header| Quantity::of(header, wanted)).collect()
     }
 
@@ -283,8 +304,7 @@ impl SpectralTable {
                 _ => format!("{values} are taken as {}, as its header says", quantity.name()),
             });
         }
-        // They are what was wanted now.
-        self.headers.iter_mut().for_each(String::clear);
+        self.is_converted = true;
         Ok(())
     }
 }
@@ -389,6 +409,11 @@ mod tests {
             ("Spectral flux (photons/s/cm2/nm)", 1e19, wanted, 3.972_892),
             ("photons/cm²/s/nm", 1e19, wanted, 3.972_892),
             ("Flux (ph/s/nm)", 1e19, wanted, 3.972_892),
+            ("Photon counts", 1e19, wanted, 3.972_892),
+            ("photon number", 1e19, wanted, 3.972_892),
+            ("F_nu (W/m2/Hz)", 1e-12, wanted, 1.199_170),
+            ("I(λ)", 0.7, wanted, 0.7),
+            ("Irradiance (W·m⁻²·nm⁻¹)", 0.7, wanted, 0.7),
             ("Photon radiance", 1e19, wanted, 3.972_892),
             // c/λ²: 2.99792e8/(500e-9)² Hz/m; 1e7/500²; 1239.84/500².
             ("W/m2/Hz", 1e-12, wanted, 1.199_170),
@@ -420,9 +445,52 @@ mod tests {
             ("lm/nm", Wanted::Power, "weighted by the eye"),
             ("dBm/THz", Wanted::Power, "give them per nm"),
             ("photons/s/Hz", Wanted::Power, "give them per nm"),
+            ("F_nu", Wanted::Power, "per frequency"),
+            ("Counts", Wanted::Power, "counts of a spectrometer"),
+            ("Intensity (counts)", Wanted::Power, "counts of a spectrometer"),
+            ("Luminous flux", Wanted::Power, "weighted by the eye"),
+            ("lambda*I(lambda)", Wanted::Power, "times their wavelength"),
+            ("I(λ)·λ", Wanted::Power, "times their wavelength"),
+            ("λI(λ)", Wanted::Power, "times their wavelength"),
         ] {
             refused(header, wanted, says);
         }
+    }
+
+    #[test]
+    fn values_of_another_scale_are_refused() {
+        for header in [
+            "T (‰)",
+            "T (ppm)",
+            "T (per mille)",
+            "T*1000",
+            "T × 100",
+            "T x 100",
+            "T (x10^-2)",
+            "T (×10⁻²)",
+            "T (10^-3)",
+            "T (1e-3)",
+        ] {
+            refused(header, Wanted::Transmittance, "another scale");
+            refused(&header.replace('T', "QE"), Wanted::Efficiency, "another scale");
+        }
+        for header in ["1-T", "1/T", "100-%T", "Loss (1-T)", "1 - Transmission"] {
+            refused(header, Wanted::Transmittance, "left of the whole");
+        }
+        refused("1-R", Wanted::Fraction, "left of the whole");
+    }
+
+    #[test]
+    fn numbers_that_are_no_scale_are_names_and_sizes() {
+        check(&[
+            ("T (10 x 10 mm)", 0.25, Wanted::Transmittance, 0.25),
+            ("T (10 mm)", 0.25, Wanted::Transmittance, 0.25),
+            ("x10", 0.25, Wanted::Fraction, 0.25),
+            ("patch 100", 0.25, Wanted::Fraction, 0.25),
+            ("1-A", 0.25, Wanted::Fraction, 0.25),
+            ("reflectance10", 0.25, Wanted::Fraction, 0.25),
+            ("QE (100x100 pixels)", 0.25, Wanted::Efficiency, 0.25),
+        ]);
     }
 
     #[test]

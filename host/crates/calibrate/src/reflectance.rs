@@ -83,14 +83,21 @@ pub struct Settings<'a> {
     pub noise: f64,
 }
 
-/// Reads training reflectances: a CSV file of `wavelength_nm,NAME,...`, in [`Bands::VISIBLE`].
+/// Reads training reflectances: a CSV file of `wavelength_nm,NAME,...` in fractions or per cent, in
+/// [`Bands::VISIBLE`]; and notes on what was assumed of it.
 ///
 /// # Errors
-/// A file that is missing, is no table, or leaves part of the bands out.
-pub fn read_training(path: &Path) -> Result<Vec<Vec<f64>>> {
-    let mut table = SpectralTable::read(path)?;
-    table.convert(Wanted::Fraction).map_err(|e| e.at(path.display()))?;
-    spectra(&table, &Bands::VISIBLE).map_err(|e| e.at(path.display()))
+/// A file that is missing, is no table, holds other values than fractions or per cent, or leaves
+/// part of the bands out.
+pub fn read_training(path: &Path) -> Result<(Vec<Vec<f64>>, Vec<String>)> {
+    training(SpectralTable::read(path)?).map_err(|e| e.at(path.display()))
+}
+
+fn training(mut table: SpectralTable) -> Result<(Vec<Vec<f64>>, Vec<String>)> {
+    let bands = Bands::VISIBLE;
+    table.convert_to_fractions(Wanted::Fraction)?;
+    table.must_cover([bands.nm(0), bands.nm(bands.count - 1)])?;
+    Ok((spectra(&table, &bands)?, table.remarks))
 }
 
 /// An estimate for a whole view.
@@ -253,4 +260,33 @@ fn sensitivity(camera: &Camera, letters: &[char], bands: &Bands) -> Result<Vec<V
 fn spectra(table: &SpectralTable, bands: &Bands) -> Result<Vec<Vec<f64>>> {
     let spectra = (0..table.curves.len()).map(|i| Ok(table.spectrum(i)?.in_bands(bands)));
     spectra.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<(Vec<Vec<f64>>, Vec<String>)> {
+        training(SpectralTable::parse(text)?)
+    }
+
+    #[test]
+    fn training_is_of_fractions_or_per_cent_and_covers_the_bands() {
+        let flat =
+            |value: f64, from: u32| format!("wavelength_nm,a\n{from},{value}\n700,{value}\n");
+        for (value, told) in [(0.25, false), (25.0, true), (1.004, false)] {
+            let (spectra, notes) = read(&flat(value, 400)).unwrap();
+            let right = if told { value / 100.0 } else { value };
+            assert!(spectra[0].iter().all(|v| (v - right).abs() < 1e-12), "{value}: {spectra:?}");
+            assert_eq!(notes.iter().any(|note| note.contains("per cent")), told, "{notes:?}");
+        }
+        for (text, says) in [
+            (flat(-0.25, 400), "fractions, 0 to 1"),
+            (flat(1.5, 400), "fractions, 0 to 1"),
+            (flat(0.25, 500), "at least 400 to 700 nm"),
+        ] {
+            let error = read(&text).expect_err(&text).to_string();
+            assert!(error.contains(says), "{error}");
+        }
+    }
 }

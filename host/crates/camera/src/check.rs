@@ -22,9 +22,6 @@ const WIDEST_GAP_OF_QE_NM: f64 = 100.0;
 /// Gap over the table's median step from which on lines are missing, where the gap is wider than
 /// [`WIDEST_GAP_NM`]: points of a data sheet are more even than that.
 const HOLE: f64 = 3.0;
-/// Largest values of a table that are per cent: more than a measured fraction with its error, up to
-/// 100 with the same.
-const PERCENT: std::ops::RangeInclusive<f64> = 2.0..=102.0;
 /// The visible range that every curve must cover, nm: the bands of built-in scenes.
 const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
 /// Range of fields and ratios in a table of relative illumination. Both are 1 at most by
@@ -407,21 +404,7 @@ fn spectral_table(
 ) -> Result<SpectralTable> {
     let table = SpectralTable::parse(&folder.read(name)?).map_err(|e| e.at(name))?;
     let mut table = table.named(name);
-    if table.is_plain(wanted) {
-        from_percent(&mut table);
-    }
-    table.convert(wanted).map_err(|e| e.at(name))?;
-    table.clip_noise();
-    for (column, values) in &table.curves {
-        if let Some(i) = values.iter().position(|v| !(0.0..=1.0).contains(v)) {
-            return Err(Error::input(format!(
-                "{} in column {column:?} at {} nm",
-                values[i], table.wavelength_nm[i]
-            ))
-            .at(name)
-            .help("values are fractions, 0 to 1, or per cent, 0 to 100"));
-        }
-    }
+    table.convert_to_fractions(wanted).map_err(|e| e.at(name))?;
     let mut steps: Vec<f64> = table.wavelength_nm.windows(2).map(|w| w[1] - w[0]).collect();
     steps.sort_by(f64::total_cmp);
     let hole = (HOLE * steps.get(steps.len() / 2).unwrap_or(&0.0)).max(WIDEST_GAP_NM);
@@ -435,25 +418,8 @@ fn spectral_table(
     if widest > WIDEST_GAP_NM {
         table.remark(format!("straight lines join its points, up to {widest} nm apart"));
     }
-    let (first, last) =
-        (table.wavelength_nm[0], table.wavelength_nm[table.wavelength_nm.len() - 1]);
-    let [blue, red] = VISIBLE_NM;
-    if first > blue || last < red {
-        return Err(Error::input(format!("the table covers {first} to {last} nm"))
-            .at(name)
-            .help(format!("it must cover at least {blue} to {red} nm")));
-    }
+    table.must_cover(VISIBLE_NM).map_err(|e| e.at(name))?;
     Ok(table)
-}
-
-/// Divides a table of per cent by 100: one whose header says so, or whose largest value can be no
-/// fraction.
-fn from_percent(table: &mut SpectralTable) {
-    let largest = table.curves.iter().flat_map(|(_, v)| v).fold(0.0f64, |m, &v| m.max(v));
-    if PERCENT.contains(&largest) {
-        table.curves.iter_mut().flat_map(|(_, values)| values).for_each(|v| *v /= 100.0);
-        table.remark(format!("its values are taken as per cent, as values go up to {largest}"));
-    }
 }
 
 /// Names of columns by the colours of the pattern's letters.
@@ -472,7 +438,7 @@ fn scaled_to(peak: f64, table: &mut SpectralTable) -> Result<()> {
 
 /// Channel names and curves, scaled to a peak where one is given; zero outside the table unless
 /// that says otherwise. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one column
-/// for mono, else one column per letter of the pattern.
+/// for mono, else one column per letter of the pattern; none twice.
 fn quantum_efficiency(
     name: &str,
     cfa: &Cfa,
@@ -497,15 +463,19 @@ fn quantum_efficiency(
     let mut curves = Vec::new();
     for channel in &names {
         let colour = COLOURS.iter().find(|(letter, _)| letter == channel);
-        let column =
-            table.column(channel).or_else(|| table.column(colour?.1)).ok_or_else(|| {
-                let known: Vec<&str> = table.curves.iter().map(|(n, _)| n.as_str()).collect();
-                Error::input(format!("no column {channel:?}")).at(name).help(format!(
-                    "the pattern needs columns wavelength_nm,{}; the table has {}",
-                    names.join(","),
-                    known.join(",")
-                ))
-            })?;
+        let called = |called: &str| table.only_column(called).map_err(|e| e.at(name));
+        let named = match (called(channel)?, colour) {
+            (None, Some((_, colour))) => called(colour)?,
+            (column, _) => column,
+        };
+        let column = named.ok_or_else(|| {
+            let known: Vec<&str> = table.curves.iter().map(|(n, _)| n.as_str()).collect();
+            Error::input(format!("no column {channel:?}")).at(name).help(format!(
+                "the pattern needs columns wavelength_nm,{}; the table has {}",
+                names.join(","),
+                known.join(",")
+            ))
+        })?;
         let curve = table.spectrum(column)?.from_table(format!("{name}, column {channel:?},"));
         curves.push(curve.outside(outside));
     }

@@ -153,6 +153,21 @@ fn tables_of_per_cent_and_of_named_colours_are_read_and_told() {
     }
 }
 
+#[test]
+fn a_channel_that_two_columns_are_named_by_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let lines: String = (36..=72).map(|i| format!("{},0.1,0.5,0.5,0.5\n", 10 * i)).collect();
+    let load = |header: &str| {
+        std::fs::write(folder.path().join("qe.csv"), format!("{header}\n{lines}")).unwrap();
+        let text = GOOD.replace("mt9m131-qe.csv", "qe.csv").replace("ir_cut", "#ir_cut");
+        Camera::parse(&text, "test", &Folder::Directory(folder.path()))
+    };
+    let error = load("nm,r (min),r (typ),g,b").unwrap_err().to_string();
+    assert!(error.contains("2 (\"r (min)\") and 3 (\"r (typ)\")"), "{error}");
+    let camera = load("nm,min,r (typ),g,b").unwrap();
+    assert_eq!(camera.sensor.qe[0].at(550.0), 0.5);
+}
+
 /// A table of relative values with its peak; few points of a data sheet; no conversion gain.
 #[test]
 fn data_sheets_with_few_figures_suffice() {

@@ -3,23 +3,21 @@
 
 use super::finding::{Done, Finding, Kind, names};
 use super::scan::Scan;
+use camrig_base::copies::Print;
 use camrig_captures::CaptureSet;
 use std::collections::BTreeMap;
-
-/// Share of neighbouring samples that differ within a frame from which the same frame again is no
-/// frame of a sensor without noise: pixels lie everywhere between two codes, so that noise of a
-/// thousandth of a code would change some. Chosen: a simulated dark without any pattern has none.
-const STRUCTURE: f64 = 0.1;
 
 /// A place in a set: capture and frame.
 type Place = (usize, usize);
 
 /// Frames that are copies of others: for each stack one finding.
 pub fn copies(set: &CaptureSet, scans: &[Scan]) -> Vec<Finding> {
-    let mut seen: BTreeMap<[u64; 2], Vec<Place>> = BTreeMap::new();
+    let mut seen: BTreeMap<Print, Vec<Place>> = BTreeMap::new();
     for scan in scans {
-        for (i, frame) in scan.frames.iter().enumerate().filter(|f| f.1.differing >= STRUCTURE) {
-            seen.entry(frame.hash).or_default().push((scan.capture, i));
+        for (i, frame) in scan.frames.iter().enumerate() {
+            if let Some(print) = frame.print {
+                seen.entry(print).or_default().push((scan.capture, i));
+            }
         }
     }
     // Copies beyond the first, by stack.

@@ -1,10 +1,10 @@
 //! One pass over the frames of a stack: what each frame is as a whole, and which codes occur.
 
 use super::band::Band;
+use camrig_base::copies::Print;
 use camrig_base::{Plane, Result};
 use camrig_captures::{Capture, CaptureSet, Role};
 use rayon::prelude::*;
-use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Codes of 16-bit samples.
 const CODES: usize = 1 << 16;
@@ -33,13 +33,11 @@ pub struct Scan {
 
 /// A frame as a whole.
 pub struct Frame {
-    /// Two independent hashes of its samples.
-    pub hash: [u64; 2],
+    /// What it shares with its copies alone, where it can have no others.
+    pub print: Option<Print>,
     /// Mean of its samples for each place in the colour filter pattern, DN; samples far outside
     /// the rest count as at the border.
     pub levels: Vec<f64>,
-    /// Share of samples that differ from their neighbour to the right.
-    pub differing: f64,
 }
 
 impl Scan {
@@ -102,7 +100,6 @@ impl Frame {
     fn of(plane: &Plane<u16>, (across, down): (usize, usize), bounds: &[(f64, f64)]) -> Self {
         let mut sums = vec![0.0; across * down];
         let mut counts = vec![0usize; across * down];
-        let mut differing = 0usize;
         for (y, row) in plane.data.chunks(plane.width).enumerate() {
             let first = y % down * across;
             for (x, &v) in row.iter().enumerate() {
@@ -111,16 +108,9 @@ impl Frame {
                 sums[site] += f64::from(v).clamp(low, high);
                 counts[site] += 1;
             }
-            differing += row.windows(2).filter(|p| p[0] != p[1]).count();
         }
-        let hash = [0u8, 1].map(|salt| {
-            let mut hasher = DefaultHasher::new();
-            salt.hash(&mut hasher);
-            plane.data.hash(&mut hasher);
-            hasher.finish()
-        });
         let levels = sums.iter().zip(&counts).map(|(s, &n)| s / n.max(1) as f64).collect();
-        Self { hash, levels, differing: differing as f64 / plane.data.len() as f64 }
+        Self { print: Print::of(plane, across), levels }
     }
 }
 

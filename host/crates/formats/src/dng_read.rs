@@ -40,9 +40,10 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     note.merge_note(&raw.text(270).unwrap_or_default());
     let cfa = pattern(raw, note.cfa)?;
     let black = black_levels(raw, cfa.width, cfa.height)?;
-    let white = white_level(raw, &mut notes)?;
+    let largest = plane.data.iter().copied().max().unwrap_or(0);
+    let white = white_level(raw, largest, &mut notes)?;
     // Noise and highlights reach above the level at which a sensor counts as saturated.
-    let largest = plane.data.iter().copied().max().unwrap_or(0).max(white);
+    let largest = largest.max(white);
     let mut facts = Facts {
         bits: note.bits.or(Some((u16::BITS - largest.leading_zeros()).max(1))),
         cfa: Some(cfa),
@@ -153,10 +154,21 @@ fn numbers(raw: &Ifd, tag: u16, name: &str) -> Result<Option<Vec<f64>>> {
     Ok(Some(values))
 }
 
-/// The white level; by the DNG specification full scale where the file lacks it.
-fn white_level(raw: &Ifd, notes: &mut Vec<String>) -> Result<u16> {
+/// The white level; by the DNG specification full scale where the file lacks it, which a note says
+/// where samples go up to a `largest` above it, or the linearization table does.
+fn white_level(raw: &Ifd, largest: u16, notes: &mut Vec<String>) -> Result<u16> {
     let Some(levels) = numbers(raw, 50717, "WhiteLevel")? else {
-        return Ok(full_scale(raw.uint(258).unwrap_or(16) as u32));
+        let bits = raw.uint(258).unwrap_or(16) as u32;
+        let white = full_scale(bits);
+        let table = numbers(raw, 50712, "LinearizationTable")?.unwrap_or_default();
+        let most = table.into_iter().fold(f64::from(largest), f64::max);
+        if most > f64::from(white) {
+            notes.push(format!(
+                "the file has no white level: {white} is taken, full scale of its {bits} bits, \
+                 though its values go up to {most}"
+            ));
+        }
+        return Ok(white);
     };
     let white = levels[0];
     if levels.iter().any(|level| *level != white) {

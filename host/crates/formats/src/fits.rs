@@ -19,7 +19,7 @@ mod rice;
 mod tiles;
 
 use self::header::Header;
-use super::{Facts, Frames, area, narrow, truncated};
+use super::{Facts, Frames, Taken, area, narrow, truncated};
 use camrig_base::{Cfa, Error, Plane, Result};
 
 /// Bytes of a header card (section 3.3.1).
@@ -114,6 +114,25 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Error::input("a FITS file without an image").help("is it a table, or truncated?")
     })?;
     Ok(Frames { planes, facts })
+}
+
+/// How the first image of a file was taken, from the headers alone.
+pub fn taken(bytes: &[u8]) -> Result<Taken> {
+    let (mut rest, mut primary) = (bytes, None);
+    loop {
+        let mut header = Header::read(rest)?;
+        if header.has_image() {
+            if let Some(primary) = &primary {
+                header.inherit(primary);
+            }
+            let mut facts = Facts { taken: header.taken(), ..Facts::default() };
+            header.comments.iter().for_each(|c| facts.merge_note(c));
+            return Ok(facts.taken);
+        }
+        let length = header.bytes + header.data_bytes()?.next_multiple_of(BLOCK);
+        rest = rest.get(length..).unwrap_or(&[]);
+        primary.get_or_insert(header);
+    }
 }
 
 /// The frames of an image.

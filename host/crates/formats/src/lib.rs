@@ -384,6 +384,21 @@ pub fn read(path: &Path) -> Result<Frames> {
     frames.map_err(|e| e.at(path.display()))
 }
 
+/// How the frames of a file were taken. Of FITS and DNG the headers alone are read; of NPY, which
+/// does not say it, nothing; every other format is decoded.
+///
+/// # Errors
+/// Those of [`read`]; of the formats whose samples are not decoded, those of the headers.
+pub fn taken(path: &Path) -> Result<Taken> {
+    let bytes = read_bytes(path)?;
+    match Format::sniff(&bytes) {
+        Some(Format::Fits) => fits::taken(&bytes).map_err(|e| e.at(path.display())),
+        Some(Format::Dng) => Ok(Taken::of_tiff(&bytes)),
+        Some(Format::Npy) => Ok(Taken::default()),
+        _ => Ok(read(path)?.facts.taken),
+    }
+}
+
 /// The bytes of a file, or of standard input for `-`.
 ///
 /// # Errors

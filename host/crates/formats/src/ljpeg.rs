@@ -14,12 +14,12 @@ const LONGEST: usize = 16;
 const FEWEST_BITS: usize = 1;
 
 /// The samples of an image of `most` of them or fewer, row by row, in the order of the stream:
-/// components of a pixel side by side.
+/// components of a pixel side by side; and how many are in a row.
 ///
 /// # Errors
 /// Other processes of JPEG, subsampled components, more samples than `most` or than the bytes can
 /// hold, a damaged or truncated stream.
-pub(super) fn decode(bytes: &[u8], most: usize) -> Result<Vec<u16>> {
+pub(super) fn decode(bytes: &[u8], most: usize) -> Result<(Vec<u16>, usize)> {
     let mut header = Header::default();
     let scan = header.read(bytes)?;
     let components = header.components.len();
@@ -32,7 +32,7 @@ pub(super) fn decode(bytes: &[u8], most: usize) -> Result<Vec<u16>> {
             scan.len()
         )));
     }
-    header.samples(scan, samples)
+    Ok((header.samples(scan, samples)?, header.columns * components))
 }
 
 fn damaged(what: impl std::fmt::Display) -> Error {

@@ -177,6 +177,7 @@ fn by_hand(width: u32, height: u32, data: &[u8], more: Tags) -> Vec<u8> {
         (33422, 1, 4, 0x0201_0100),
         (50706, 1, 4, 0x0000_0401),
     ];
+    tags.retain(|tag| more.iter().all(|other| other.0 != tag.0));
     tags.extend(more);
     tags.sort();
     let mut bytes = b"II*\0".to_vec();
@@ -505,6 +506,51 @@ fn lossless_jpeg_fills_strips_and_tiles_row_by_row() {
     // The four bytes at the end, the place of the next directory, are not read.
     for length in 0..file.len() - 4 {
         assert!(decode(&file[..length]).is_err(), "{length}");
+    }
+}
+
+/// Rows of 10 in a tile 9 wide, and a corner tile whose rows end where the image does.
+#[test]
+fn lossless_jpeg_of_rows_that_do_not_fit_is_refused() {
+    for (size, tile, jpeg) in [((9, 9), (9, 10), (5, 9, 2)), ((4, 2), (8, 4), (2, 4, 2))] {
+        let samples = vec![100; jpeg.0 * jpeg.1 * jpeg.2];
+        let data = ljpeg::encode(&samples, jpeg, (12, 1), 0);
+        let tags = vec![
+            (259, 3, 1, 7),
+            (322, 4, 1, tile.0),
+            (323, 4, 1, tile.1),
+            (324, 4, 1, 8),
+            (325, 4, 1, data.len() as u32),
+        ];
+        let error = decode(&by_hand(size.0, size.1, &data, tags)).unwrap_err().to_string();
+        let rows = format!("rows of {} samples for rows of {}", jpeg.0 * jpeg.2, tile.0);
+        assert!(error.contains(&rows) && error.contains("tile 0"), "{error}");
+    }
+}
+
+#[test]
+fn a_white_level_that_is_full_scale_below_the_values_is_told() {
+    let samples = [0u16, 16_000, 1, 2, 3, 4, 5, 6];
+    let jpeg = ljpeg::encode(&samples, (2, 2, 2), (14, 1), 0);
+    let strip = |compression, bits, data: &[u8]| -> Tags {
+        let length = data.len() as u32;
+        let strip = [(273, 4, 1, 8), (278, 4, 1, 2), (279, 4, 1, length)];
+        [(258, 3, 1, bits), (259, 3, 1, compression)].into_iter().chain(strip).collect()
+    };
+    // A linearization table of 0 and 4095 for samples of 8 bits.
+    let plain = [0u8; 8];
+    let table = |most: u32| [strip(1, 8, &plain), vec![(50712, 3, 2, most << 16)]].concat();
+    for (data, tags, white, told) in [
+        (&jpeg[..], strip(7, 12, &jpeg), 4095, "up to 16000"),
+        (&jpeg[..], strip(7, 14, &jpeg), 16_383, ""),
+        (&plain[..], table(4095), 255, "up to 4095"),
+        (&plain[..], table(255), 255, ""),
+    ] {
+        let facts = decode(&by_hand(4, 2, data, tags)).unwrap().facts;
+        assert_eq!(facts.white_level_dn, Some(white));
+        let notes = facts.notes.join("; ");
+        assert_eq!(notes.contains("no white level"), !told.is_empty(), "{notes}");
+        assert!(notes.contains(told), "{notes}");
     }
 }
 

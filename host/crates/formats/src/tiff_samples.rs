@@ -208,12 +208,22 @@ impl Chunks {
     /// take two rows as one, or two columns as one pixel of two components.
     fn lossless(&self, bytes: &[u8], index: usize, plane: &mut Plane<u16>) -> Result<()> {
         let (left, top) = self.corner(index, plane);
-        let samples = ljpeg::decode(bytes, self.columns.saturating_mul(self.rows))?;
+        let (samples, row) = ljpeg::decode(bytes, self.columns.saturating_mul(self.rows))?;
         let rows = self.rows.min(plane.height - top);
         let count = self.columns.min(plane.width - left);
         let stored = samples.len();
         if stored < rows * self.columns || !stored.is_multiple_of(self.columns) {
             return Err(truncated(2 * rows * self.columns, 2 * stored));
+        }
+        // Rows that are cut off where the image ends, or filled up, are of no whole number.
+        let whole = count == self.columns || stored == self.rows * self.columns;
+        let narrower = self.columns.is_multiple_of(row) && whole;
+        if !row.is_multiple_of(self.columns) && !narrower {
+            return Err(Error::unsupported(format!(
+                "a lossless JPEG of rows of {row} samples for rows of {}",
+                self.columns
+            ))
+            .help("convert it with Adobe DNG Converter, or to an uncompressed DNG"));
         }
         for (y, row) in samples.chunks_exact(self.columns).take(rows).enumerate() {
             plane.row_mut(top + y)[left..left + count].copy_from_slice(&row[..count]);

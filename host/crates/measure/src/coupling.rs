@@ -6,6 +6,7 @@
 //! and correlates the noise of neighbours; optical crosstalk and diffusion of single carriers act
 //! before it and do not. So this fit separates the two (Moore, Ninkov and Forrest 2004).
 
+use super::copies;
 use super::correlation::NoiseCorrelation;
 use super::moments::SATURATED_SHARE;
 use super::stack::Stack;
@@ -39,8 +40,8 @@ pub struct Coupling {
 /// dark of the same gain and nearest exposure.
 ///
 /// # Errors
-/// No unsaturated flat with two frames, no dark to take the read noise from, a flat without shot
-/// noise.
+/// No unsaturated flat with two frames, the same frame twice, no dark to take the read noise from,
+/// a flat without shot noise.
 pub fn fit(set: &CaptureSet) -> Result<Coupling> {
     let channels = set.cfa().channels().len();
     let variance = |stack: &Stack| {
@@ -49,6 +50,7 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
     let mut flat: Option<(&Capture, Stack, f64)> = None;
     for capture in set.with_role(Role::Flat) {
         let stack = Stack::read_moments(set, capture)?;
+        copies::refuse(set, capture, &stack)?;
         let whites = (0..channels).map(|c| stack.channel_moments(c).whites).fold(0.0, f64::max);
         let total = variance(&stack);
         if stack.frames > 1

@@ -15,6 +15,8 @@ pub(crate) const LEAST_SPAN: f64 = 1.5;
 /// Smallest dark current in standard errors for the fit of the doubling temperature: the logarithm
 /// of a less certain rate is biased.
 const CLEAR_RATE: f64 = 3.0;
+/// Fewest exposure times for a line.
+pub(crate) const LEAST_EXPOSURES: usize = 2;
 
 /// Mean of the dark over exposure time.
 #[derive(Clone, Debug)]
@@ -111,6 +113,14 @@ pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Val
     let slope = fit.coefficients[1];
     let step = std::f64::consts::LN_2 / slope;
     (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))
+}
+
+/// Number of different exposure times.
+pub(crate) fn distinct(exposures: &[f64]) -> usize {
+    let mut sorted = exposures.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup_by(|a, b| (*a / *b - 1.0).abs() < SAME_EXPOSURE);
+    sorted.len()
 }
 
 /// Whether exposure times span [`LEAST_SPAN`].

@@ -7,6 +7,7 @@
 //! gives: with w pixels in a row V_row = σ_row² + (σ² − σ_row²)/w.
 
 use super::codes::Codes;
+use super::copies;
 use super::moments::{Moments, SATURATED_SHARE};
 use super::rounding::QUANTISATION;
 use super::rounding::QUANTISATION_LIMITED;
@@ -56,7 +57,8 @@ pub struct DarkStack {
 /// `cfa`, or what the first file says, or one colour.
 ///
 /// # Errors
-/// No file, files that cannot be read or differ in size, fewer than two frames.
+/// No file, files that cannot be read or differ in size, fewer than two frames, the same frame
+/// twice.
 pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
     let first = files.first().ok_or_else(|| {
         Error::input("no frames").help("give the files of one stack of dark frames")
@@ -118,7 +120,7 @@ fn differences(files: &[PathBuf], first: &Facts) -> Vec<String> {
 /// The figures of a dark stack of a capture set.
 ///
 /// # Errors
-/// Frames that cannot be read, fewer than two.
+/// Frames that cannot be read, fewer than two, the same frame twice.
 pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
     let stack = Stack::read(set, capture)?;
     if stack.frames < 2 {
@@ -126,6 +128,7 @@ pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
             .at(format!("capture {:?}", capture.id))
             .help("noise is what differs between frames: give at least two, better sixteen"));
     }
+    copies::refuse(set, capture, &stack)?;
     let m = Moments::pool(&stack.moments);
     let codes = Codes::of([stack.seen]);
     let mut notes: Vec<String> = codes.note().into_iter().collect();
@@ -139,6 +142,7 @@ pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
             100.0 * m.zeros
         ));
     }
+    notes.extend(stack.cut_off.map(|cut_off| cut_off.note("the first frame")));
     if m.whites > SATURATED_SHARE {
         notes.push(format!("{:.2} % of the samples are at the white level", 100.0 * m.whites));
     }
@@ -305,11 +309,16 @@ mod tests {
     #[test]
     fn files_of_other_conditions_are_told() {
         let folder = tempfile::tempdir().unwrap();
-        let file = |name: &str, black: f64, exposure: f64| {
+        let mut taken = 0;
+        let mut file = |name: &str, black: f64, exposure: f64| {
             let mut facts = Facts { bits: Some(12), ..Facts::default() };
             (facts.cfa, facts.black_level_dn) = (Cfa::parse("RGGB").ok(), Some(black));
             facts.taken.exposure_s = Some(camrig_formats::Said::new(exposure, "a test"));
-            let planes = vec![Plane::from_fn(8, 6, |x, y| 60 + (x * y % 7) as u16); 2];
+            let mut plane = || {
+                taken += 1;
+                Plane::from_fn(8, 6, |x, y| 60 + (x * y % (6 + taken)) as u16)
+            };
+            let planes = vec![plane(), plane()];
             let path = folder.path().join(name);
             std::fs::write(&path, Format::Pgm.encode(&Frames { planes, facts }).unwrap()).unwrap();
             path
@@ -377,6 +386,28 @@ mod tests {
             normal(1.0) + if (x, y) == (5, 7) || (x, y) == (40, 3) { 90.0 } else { 50.0 }
         });
         assert_eq!(hot.hot_pixels.value, 2.0);
+    }
+
+    /// Two files given twice: the variance of four frames would be two thirds of what it is.
+    #[test]
+    fn files_that_are_copies_are_refused_and_a_cut_off_dark_is_told() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(8);
+        let mut normal = move |s: f64| Normal::new(0.0, s).unwrap().sample(&mut random);
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a.npy", "b.npy"].map(|name| {
+            let planes = vec![Plane::from_fn(SIZE.0, SIZE.1, |_, _| (64.0 + normal(2.0)) as u16)];
+            let bytes = npy::encode(&Frames { planes, facts: Facts::default() }).unwrap();
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        });
+        assert!(of_files(&[a.clone(), b.clone()], None).is_ok());
+        let error = of_files(&[a.clone(), b.clone(), a, b], None).unwrap_err().to_string();
+        for part in ["frame 2 (", "a.npy) is a copy of frame 0 (", "keep one of each"] {
+            assert!(error.contains(part), "{error}");
+        }
+        let cut = figures(4, |_, _, _| (64.0 + normal(2.0)).max(64.0));
+        assert!(cut.notes[0].contains("are 64 DN"), "{:?}", cut.notes);
     }
 
     #[test]

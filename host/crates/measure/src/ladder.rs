@@ -2,6 +2,8 @@
 //! transfer and EMVA 1288.
 
 use super::codes::{BitsSeen, Codes};
+use super::cut_off::CutOff;
+use super::dark::SAME_EXPOSURE;
 use super::moments::Moments;
 use super::stack::Stack;
 use camrig_base::{Error, Result};
@@ -14,6 +16,9 @@ const SATURATED_DARK: f64 = 0.5;
 /// below the nominal black level. A nominal level may miss the true one by drift, but not by more
 /// than the range of the dark's samples.
 const BELOW_BLACK: [f64; 2] = [6.0, 1.0];
+/// Standard errors by which a dark has to be brighter than a flat to contradict it: chance gives
+/// them once in three million pairs.
+const BRIGHTER: f64 = 5.0;
 
 /// Temperatures closer than this count as equal, °C: the sensors' own thermometers are good to
 /// about 1 °C.
@@ -36,6 +41,8 @@ pub struct Level {
     pub channels: Vec<Moments>,
     /// Bits in which the samples vary.
     pub seen: BitsSeen,
+    /// Where the samples are cut off, of a dark.
+    pub cut_off: Option<CutOff>,
 }
 
 /// The codes of the samples of these levels.
@@ -131,6 +138,7 @@ impl Level {
             photons: photons(set, capture),
             channels: (0..channels).map(|c| stack.channel_moments(c)).collect(),
             seen: stack.seen,
+            cut_off: stack.cut_off,
         }
     }
 }
@@ -188,6 +196,40 @@ pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
                 ))
                 .at(place)
                 .help("a dark frame cannot be darker than black: correct black_level_dn"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Refuses flats that are darker than a dark of their exposure time or a shorter one. Between two
+/// stacks an offset drifts by less than the noise of a sample or a step of the codes.
+///
+/// # Errors
+/// A dark brighter than a flat.
+pub fn check_flats<'a>(darks: &[Level], flats: impl Iterator<Item = &'a Level>) -> Result<()> {
+    for flat in flats {
+        let no_longer = |d: &&Level| d.exposure_s <= flat.exposure_s * (1.0 + SAME_EXPOSURE);
+        for dark in darks.iter().filter(no_longer) {
+            let step = codes(std::slice::from_ref(dark), std::slice::from_ref(flat)).step_dn;
+            for (channel, (f, d)) in flat.channels.iter().zip(&dark.channels).enumerate() {
+                let above = d.mean() - f.mean();
+                let error = f.mean_error().hypot(d.mean_error());
+                if above > BRIGHTER * error && above > d.temporal.sqrt() + step {
+                    return Err(Error::disagreement(format!(
+                        "dark capture {:?} has a mean of {:.2} DN, flat capture {:?} of {:.2} DN",
+                        dark.id,
+                        d.mean(),
+                        flat.id,
+                        f.mean()
+                    ))
+                    .at(format!("channel {channel}"))
+                    .help(format!(
+                        "no flat is darker than a dark of {} s, no longer than its {} s: see \
+                         whether light reached the dark, or an id, an exposure or a gain is wrong",
+                        dark.exposure_s, flat.exposure_s
+                    )));
+                }
             }
         }
     }

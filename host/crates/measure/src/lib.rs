@@ -55,9 +55,11 @@
 
 pub mod codes;
 pub mod compare;
+mod copies;
 pub mod correlation;
 pub mod coupling;
 pub mod crosstalk;
+pub mod cut_off;
 pub mod dark;
 pub mod dark_stack;
 pub mod emva;
@@ -72,6 +74,7 @@ pub mod picture;
 pub mod profile;
 pub mod ptc;
 pub mod rates;
+mod remarks;
 pub mod response;
 pub mod rounding;
 pub mod site;

@@ -30,6 +30,8 @@ pub struct Moments {
     pub zeros: f64,
     /// Share of samples at or above the white level.
     pub whites: f64,
+    /// Share of samples above the white level.
+    pub beyond_white: f64,
 }
 
 impl Moments {
@@ -75,6 +77,7 @@ impl Moments {
             temporal_error: sites.iter().map(|m| m.temporal_error.powi(2)).sum::<f64>().sqrt() / k,
             zeros: mean_of(|m| m.zeros),
             whites: mean_of(|m| m.whites),
+            beyond_white: mean_of(|m| m.beyond_white),
         }
     }
 }

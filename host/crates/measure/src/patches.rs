@@ -25,9 +25,13 @@ const SAMPLED: f64 = 0.5;
 const WHITE: usize = 18;
 /// Fewest samples of a patch, for a standard deviation.
 const LEAST_SAMPLES: usize = 4;
-/// Largest share of saturated pixels of a patch, per cent: one bright patch of small noise may
-/// clip single pixels, but the mean must not change.
-const SATURATED_PERCENT: usize = 1;
+/// Largest share of saturated pixels of a patch: one bright patch of small noise may clip single
+/// pixels, but the mean must not change.
+const SATURATED: f64 = 0.01;
+/// Share of a channel's samples in a patch at the frame's largest value from which it counts as
+/// saturated where the white level is not known: of symmetric noise, half lies above its mean, and
+/// a level at which the patch is cut off there or below has at least as many samples.
+const ONE_VALUE: f64 = 0.5;
 
 /// Figures of one patch.
 #[derive(Clone, Debug, Serialize)]
@@ -38,6 +42,9 @@ pub struct Patch {
     pub centre: [f64; 2],
     /// Number of samples (pattern periods).
     pub samples: usize,
+    /// Share of its pixels at 0 DN, where the signal may be cut off: their mean is too large then,
+    /// and their standard deviation too small.
+    pub at_zero: f64,
     /// Mean of each channel above black, DN.
     pub mean_dn: Vec<f64>,
     /// Standard deviation of each channel over the samples, DN.
@@ -66,7 +73,8 @@ pub fn built_in_corners(width: usize, height: usize, card_width: f64) -> Corners
     })
 }
 
-/// Measures all patches. `black` is the black level, `white` the white level, both in DN.
+/// Measures all patches. `black` is the black level, `white` the white level, both in DN; of a
+/// white level that is not known, patches at the frame's largest value tell.
 ///
 /// # Errors
 /// Corners whose patches leave the frame or hold fewer than four samples, patches that are
@@ -75,21 +83,22 @@ pub fn measure<T: Copy + Into<f64>>(
     frame: &Plane<T>,
     cfa: &Cfa,
     black: f64,
-    white: u16,
+    white: impl Into<Option<u16>>,
     corners: &Corners,
 ) -> Result<Vec<Patch>> {
     let channels = cfa.channels().len();
-    let mut all: Vec<(usize, [f64; 2], Vec<Vec<f64>>)> = Vec::with_capacity(COUNT);
+    let top = Top::of(frame, white.into());
+    let mut all: Vec<([f64; 2], Sampled)> = Vec::with_capacity(COUNT);
     for index in 0..COUNT {
         let (centre, half) = place(corners, index);
-        let cells = sample(frame, cfa, black, white, centre, half, channels)
+        let sampled = sample(frame, cfa, black, top, centre, half)
             .map_err(|e| e.at(format!("patch {}", index + 1)))?;
-        all.push((index, centre, cells));
+        all.push((centre, sampled));
     }
     let mean = |cells: &[Vec<f64>], c: usize| {
         cells.iter().map(|cell| cell[c]).sum::<f64>() / cells.len() as f64
     };
-    let balance: Vec<f64> = (0..channels).map(|c| mean(&all[WHITE].2, c)).collect();
+    let balance: Vec<f64> = (0..channels).map(|c| mean(&all[WHITE].1.cells, c)).collect();
     if balance.iter().any(|b| *b <= 0.0) {
         return Err(Error::input("the white patch (19) has no signal above black")
             .help("check the corners and the black level"));
@@ -98,7 +107,8 @@ pub fn measure<T: Copy + Into<f64>>(
     let level: f64 = weights.iter().zip(&balance).map(|(w, b)| w * b).sum();
     Ok(all
         .into_iter()
-        .map(|(index, centre, cells)| {
+        .enumerate()
+        .map(|(index, (centre, Sampled { cells, at_zero }))| {
             let n = cells.len() as f64;
             let luminance: Vec<f64> = cells
                 .iter()
@@ -118,6 +128,7 @@ pub fn measure<T: Copy + Into<f64>>(
                 number: index + 1,
                 centre,
                 samples: cells.len(),
+                at_zero,
                 mean_dn: per_channel.iter().map(|p| p.0).collect(),
                 std_dn: per_channel.iter().map(|p| p.1).collect(),
                 luminance_dn: y,
@@ -196,50 +207,103 @@ fn check_inside<T>(frame: &Plane<T>, centre: [f64; 2], half: f64) -> Result<()> 
     Ok(())
 }
 
-/// Channel means of every pattern period inside a square.
+/// The level from which samples count as saturated.
+#[derive(Clone, Copy)]
+struct Top {
+    dn: f64,
+    /// Whether it is the white level; the frame's largest value otherwise.
+    known: bool,
+}
+
+impl Top {
+    fn of<T: Copy + Into<f64>>(frame: &Plane<T>, white: Option<u16>) -> Self {
+        let largest = || frame.data.iter().map(|v| (*v).into()).fold(f64::MIN, f64::max);
+        Self { dn: white.map_or_else(largest, f64::from), known: white.is_some() }
+    }
+
+    /// Refuses a patch of which each channel has (samples at the level, samples).
+    fn check(self, channels: &[(usize, usize)]) -> Result<()> {
+        let sum = |k: fn(&(usize, usize)) -> usize| channels.iter().map(k).sum::<usize>() as f64;
+        if self.known && sum(|c| c.0) > SATURATED * sum(|c| c.1) {
+            return Err(Error::input("more than 1 % of the patch is saturated")
+                .help("expose less: a saturated patch has no true mean or noise"));
+        }
+        let one_value = |c: &(usize, usize)| c.0 as f64 >= ONE_VALUE * c.1 as f64;
+        if !self.known && channels.iter().any(one_value) {
+            let what = "half of the patch's samples or more are at the frame's largest value";
+            return Err(Error::input(format!("{what}, {} DN: it may be saturated", self.dn))
+                .help("give the white level (--white DN), or expose less"));
+        }
+        Ok(())
+    }
+}
+
+/// The samples of a patch.
+struct Sampled {
+    /// Channel means of every pattern period, above black, DN.
+    cells: Vec<Vec<f64>>,
+    /// Share of pixels at 0 DN.
+    at_zero: f64,
+}
+
+/// The samples of every pattern period inside a square.
 fn sample<T: Copy + Into<f64>>(
     frame: &Plane<T>,
     cfa: &Cfa,
     black: f64,
-    white: u16,
+    top: Top,
     centre: [f64; 2],
     half: f64,
-    channels: usize,
-) -> Result<Vec<Vec<f64>>> {
+) -> Result<Sampled> {
     check_inside(frame, centre, half)?;
+    let channels = cfa.channels().len();
     let cell = |v: f64, step: usize| (v / step as f64).ceil() as usize;
     let columns = cell(centre[0] - half, cfa.width)..cell(centre[0] + half, cfa.width);
     let rows = cell(centre[1] - half, cfa.height)..cell(centre[1] + half, cfa.height);
     let mut cells = Vec::new();
-    let mut saturated = 0usize;
-    for j in rows {
-        for i in columns.clone() {
-            let mut sums = vec![(0.0, 0u32); channels];
-            for (y, x) in (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (y, x))) {
-                let (px, py) = (i * cfa.width + x, j * cfa.height + y);
-                if px >= frame.width || py >= frame.height {
-                    continue;
-                }
-                let value: f64 = frame.at(px, py).into();
-                saturated += usize::from(value >= f64::from(white));
-                let (sum, n) = &mut sums[cfa.channel(px, py)];
-                *sum += value - black;
-                *n += 1;
+    let mut saturated = vec![(0usize, 0usize); channels];
+    let mut zeros = 0usize;
+    for (j, i) in rows.flat_map(|j| columns.clone().map(move |i| (j, i))) {
+        let mut sums = vec![(0.0, 0u32); channels];
+        for (y, x) in (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (y, x))) {
+            let (px, py) = (i * cfa.width + x, j * cfa.height + y);
+            if px >= frame.width || py >= frame.height {
+                continue;
             }
-            if sums.iter().all(|s| s.1 > 0) {
-                cells.push(sums.iter().map(|s| s.0 / f64::from(s.1)).collect());
-            }
+            let value: f64 = frame.at(px, py).into();
+            let channel = cfa.channel(px, py);
+            saturated[channel].0 += usize::from(value >= top.dn);
+            saturated[channel].1 += 1;
+            zeros += usize::from(value == 0.0);
+            sums[channel].0 += value - black;
+            sums[channel].1 += 1;
+        }
+        if sums.iter().all(|s| s.1 > 0) {
+            cells.push(sums.iter().map(|s| s.0 / f64::from(s.1)).collect());
         }
     }
     if cells.len() < LEAST_SAMPLES {
         return Err(Error::input(format!("{} samples in the patch", cells.len()))
             .help("the chart is too small in the frame, or the corners are wrong"));
     }
-    if saturated * 100 > SATURATED_PERCENT * cells.len() * cfa.width * cfa.height {
-        return Err(Error::input("more than 1 % of the patch is saturated")
-            .help("expose less: a saturated patch has no true mean or noise"));
-    }
-    Ok(cells)
+    top.check(&saturated)?;
+    let pixels: usize = saturated.iter().map(|c| c.1).sum();
+    Ok(Sampled { cells, at_zero: zeros as f64 / pixels as f64 })
+}
+
+/// What is to be said of patches with samples at 0 DN.
+#[must_use]
+pub fn cut_off(patches: &[Patch]) -> Option<String> {
+    let some = patches.iter().filter(|p| p.at_zero > 0.0);
+    let some: Vec<String> =
+        some.map(|p| format!("{} ({:.1} %)", p.number, 100.0 * p.at_zero)).collect();
+    (!some.is_empty()).then(|| {
+        format!(
+            "pixels at 0 DN in patch {}: where the signal is cut off there, the mean is too large \
+             and the standard deviation too small; raise the black level",
+            some.join(", ")
+        )
+    })
 }
 
 #[cfg(test)]
@@ -293,5 +357,47 @@ mod tests {
         let outside = [[-50.0, 0.0], [600.0, 0.0], [600.0, 400.0], [0.0, 400.0]];
         assert!(measure(&frame, &cfa, 64.0, 1023, &outside).is_err());
         assert!(measure(&frame, &cfa, 64.0, 300, &corners).is_err());
+    }
+
+    /// A frame of small patches, all of them of 300 DN and noise of 3 DN except white: `white` DN.
+    fn grey(white: f64, top: f64) -> (Plane<u16>, Corners) {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let noise = Normal::new(0.0, 3.0).unwrap();
+        let corners = [[20.0, 20.0], [120.0, 20.0], [120.0, 80.0], [20.0, 80.0]];
+        let inside = |x: usize, y: usize| x < 30 && y >= 70;
+        let frame = Plane::from_fn(140, 100, |x, y| {
+            let level = if inside(x, y) { white } else { 300.0 };
+            (level + noise.sample(&mut rng)).round().clamp(0.0, top) as u16
+        });
+        (frame, corners)
+    }
+
+    /// The white patch is clipped, at a level that nothing tells: told or not, it has no mean.
+    #[test]
+    fn a_clipped_patch_is_refused_without_a_white_level() {
+        let mono = Cfa::parse("mono").unwrap();
+        let of = |(frame, corners): &(Plane<u16>, Corners), white: Option<u16>| {
+            measure(frame, &mono, 64.0, white, corners)
+        };
+        let clipped = grey(1504.0, 1023.0);
+        let told = of(&clipped, None).unwrap_err().to_string();
+        assert!(told.contains("1023 DN") && told.contains("patch 19"), "{told}");
+        assert!(of(&clipped, Some(1023)).unwrap_err().to_string().contains("saturated"));
+        let whole = of(&grey(1504.0, 4095.0), None).unwrap();
+        assert!((whole[WHITE].mean_dn[0] - 1440.0).abs() < 3.0, "{:?}", whole[WHITE]);
+        assert_eq!(cut_off(&whole), None);
+    }
+
+    #[test]
+    fn patches_cut_off_at_0_are_told() {
+        let mono = Cfa::parse("mono").unwrap();
+        let (frame, corners) = grey(1504.0, 4095.0);
+        let dark =
+            Plane { data: frame.data.iter().map(|v| v.saturating_sub(300)).collect(), ..frame };
+        let patches = measure(&dark, &mono, 0.0, 4095, &corners).unwrap();
+        // The median of the noise is at 0 DN.
+        assert!((patches[0].at_zero - 0.5).abs() < 0.25, "{:?}", patches[0]);
+        let told = cut_off(&patches).unwrap();
+        assert!(told.contains("pixels at 0 DN in patch 1 (") && !told.contains("19 ("), "{told}");
     }
 }

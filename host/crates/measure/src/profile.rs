@@ -5,6 +5,9 @@ use camrig_base::median::median;
 use camrig_base::{Cfa, Error, Plane, Result};
 use serde::Serialize;
 
+/// Rings of the relative illumination: the width of one is a twentieth of the half diagonal.
+pub const RINGS: usize = 20;
+
 /// Direction of a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Along {
@@ -186,6 +189,14 @@ pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
     found.collect()
 }
 
+/// The ring of equal width around the frame's centre that a pixel is in, and its radius over the
+/// half diagonal.
+fn ring(frame: &Plane<u16>, x: usize, y: usize, rings: usize) -> (usize, f64) {
+    let (cx, cy) = (0.5 * (frame.width as f64 - 1.0), 0.5 * (frame.height as f64 - 1.0));
+    let radius = (x as f64 - cx).hypot(y as f64 - cy) / cx.hypot(cy).max(1.0);
+    (((radius * rings as f64) as usize).min(rings.max(1) - 1), radius)
+}
+
 /// Relative illumination: a channel's mean over rings of equal width around the frame's centre,
 /// relative to the innermost ring, as (radius over the half diagonal, ratio, standard error).
 ///
@@ -198,14 +209,11 @@ pub fn relative_illumination(
     black: f64,
     rings: usize,
 ) -> Result<Vec<[f64; 3]>> {
-    let (cx, cy) = (0.5 * (frame.width as f64 - 1.0), 0.5 * (frame.height as f64 - 1.0));
-    let corner = cx.hypot(cy).max(1.0);
     let mut sums = vec![(0.0f64, 0.0f64, 0.0f64, 0u64); rings.max(1)];
     for y in 0..frame.height {
         for x in 0..frame.width {
             if cfa.letter(x, y) == channel {
-                let radius = (x as f64 - cx).hypot(y as f64 - cy) / corner;
-                let ring = ((radius * rings as f64) as usize).min(rings.max(1) - 1);
+                let (ring, radius) = ring(frame, x, y, rings);
                 let v = f64::from(frame.at(x, y)) - black;
                 let s = &mut sums[ring];
                 *s = (s.0 + v, s.1 + v * v, s.2 + radius, s.3 + 1);
@@ -228,6 +236,53 @@ pub fn relative_illumination(
             [radius / n, mean / centre, sd / centre]
         })
         .collect())
+}
+
+/// What is to be said of a channel's samples that may be clipped: all at the white level and at
+/// 0 DN; where the white level is not known, a ring around the frame's centre half of whose samples
+/// or more have the largest value. Of symmetric noise, half lies above its mean, and a level at
+/// which a ring is cut off there or below has at least as many samples.
+#[must_use]
+pub fn clipped(
+    frame: &Plane<u16>,
+    cfa: &Cfa,
+    channel: char,
+    white: Option<u16>,
+    rings: usize,
+) -> Option<String> {
+    let places = (0..frame.height).flat_map(|y| (0..frame.width).map(move |x| (x, y)));
+    let own = || places.clone().filter(|&(x, y)| cfa.letter(x, y) == channel);
+    let largest = own().map(|(x, y)| frame.at(x, y)).max()?;
+    let top = white.unwrap_or(largest);
+    // Samples of each ring, and those of them at the top.
+    let mut counts = vec![(0usize, 0usize); rings.max(1)];
+    let mut zeros = 0;
+    for (x, y) in own() {
+        let ring = &mut counts[ring(frame, x, y, rings).0];
+        *ring = (ring.0 + 1, ring.1 + usize::from(frame.at(x, y) >= top));
+        zeros += usize::from(frame.at(x, y) == 0);
+    }
+    let all: usize = counts.iter().map(|c| c.0).sum();
+    let at_top: usize = counts.iter().map(|c| c.1).sum();
+    let mut words = Vec::new();
+    if white.is_some() && at_top > 0 {
+        words.push(format!("{at_top} at the white level, {top} DN, or above"));
+    }
+    if white.is_none() && counts.iter().any(|c| c.0 > 0 && 2 * c.1 >= c.0) {
+        words.push(format!(
+            "{at_top} at the largest value, {top} DN, which may be the white level"
+        ));
+    }
+    if zeros > 0 {
+        words.push(format!("{zeros} at 0 DN"));
+    }
+    let words = words.join(", ");
+    (!words.is_empty()).then(|| {
+        format!(
+            "of {all} samples of channel {channel}, {words}: where they are clipped, the profile \
+             and the relative illumination are wrong"
+        )
+    })
 }
 
 #[cfg(test)]
@@ -266,5 +321,25 @@ mod tests {
         let flat = Plane::filled(40, 30, 110u16);
         let rings = relative_illumination(&flat, &cfa, 'R', 10.0, 8).unwrap();
         assert!(rings.iter().all(|r| (r[1] - 1.0).abs() < 1e-12));
+    }
+
+    /// Light that falls off to the corners, the middle of it cut off at 1023 DN.
+    #[test]
+    fn clipped_samples_are_told() {
+        let mono = Cfa::parse("mono").unwrap();
+        let light = |x: usize, y: usize| {
+            let r2 = (x as f64 - 31.5).powi(2) + (y as f64 - 23.5).powi(2);
+            64.0 + 1500.0 * (1.0 - 0.6 * r2 / 1544.5)
+        };
+        let whole = Plane::from_fn(64, 48, |x, y| light(x, y) as u16);
+        let cut = Plane::from_fn(64, 48, |x, y| (light(x, y) as u16).min(1023));
+        let count = cut.data.iter().filter(|v| **v == 1023).count();
+        for white in [None, Some(1023)] {
+            let told = clipped(&cut, &mono, 'M', white, 20).unwrap();
+            assert!(told.contains(&format!("of 3072 samples of channel M, {count} at")), "{told}");
+        }
+        assert_eq!(clipped(&whole, &mono, 'M', Some(4095), 20), None);
+        let dark = Plane::from_fn(64, 48, |x, y| (light(x, y) as u16).saturating_sub(1000));
+        assert!(clipped(&dark, &mono, 'M', Some(4095), 20).unwrap().contains("at 0 DN"));
     }
 }

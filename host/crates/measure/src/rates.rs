@@ -8,8 +8,9 @@ use super::dark::SAME_EXPOSURE;
 use super::site::Site;
 use super::stack::Stack;
 use camrig_base::{Error, Result};
-use camrig_captures::{Capture, CaptureSet, Role};
+use camrig_captures::{Capture, CaptureSet, Light, Role};
 use serde::Serialize;
+use std::fmt;
 
 /// Samples above this share of the white level are left out: near it the response is not linear.
 const CLEAR_OF_WHITE: f64 = 0.95;
@@ -21,14 +22,48 @@ pub struct Series {
     pub role: Role,
     /// Wavelength of narrow-band light, nm.
     pub wavelength_nm: Option<f64>,
+    /// The light as the manifest has it: captures of another light are another series.
+    pub light: Option<Light>,
+    /// Analog gain.
+    pub analog_gain: f64,
     /// Exposure times, s.
     pub exposures_s: Vec<f64>,
-    /// Letter (`?` where unknown) and rate, DN/s, of each position of the pattern, row by row.
-    pub positions: Vec<(char, f64)>,
+    /// Letter (`?` where unknown) and rate, DN/s, of each position of the pattern, row by row;
+    /// `None` where every pixel of a position is saturated at every exposure.
+    pub positions: Vec<(char, Option<f64>)>,
     /// The rates relative to the largest.
-    pub ratios: Vec<f64>,
+    pub ratios: Vec<Option<f64>>,
     /// Remarks for the reader, such as clipped darks.
     pub notes: Vec<String>,
+}
+
+impl fmt::Display for Series {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let positions = self.positions.iter().zip(&self.ratios);
+        let text: Vec<String> = positions
+            .map(|((letter, rate), ratio)| match (rate, ratio) {
+                (Some(rate), Some(ratio)) => format!("{letter} {rate:.2} DN/s ({ratio:.4})"),
+                (Some(rate), None) => format!("{letter} {rate:.2} DN/s"),
+                (None, _) => format!("{letter} saturated"),
+            })
+            .collect();
+        write!(f, "{}: {}", name(self.role, self.light.as_ref()), text.join(", "))
+    }
+}
+
+/// What a series is of.
+fn name(role: Role, light: Option<&Light>) -> String {
+    let light = light.cloned().unwrap_or_default();
+    let words = [
+        light.wavelength_nm.map(|nm| format!("{nm} nm")),
+        light.illuminant,
+        light.lux.map(|lx| format!("{lx} lx")),
+        light.irradiance_w_m2.map(|e| format!("{e} W/m²")),
+        light.photons_per_pixel_per_s.map(|n| format!("{n} photons per pixel and s")),
+    ];
+    let words: Vec<String> = words.into_iter().flatten().collect();
+    let words = if words.is_empty() { "light".to_owned() } else { words.join(", ") };
+    format!("{role:?}, {words}")
 }
 
 /// Share of dark samples at 0 DN from which the offset counts as clipped: half of a symmetric
@@ -41,74 +76,109 @@ const CLIPPED: f64 = 0.5;
 /// # Errors
 /// A series without a dark of its exposure times and without a black level.
 pub fn measure(set: &CaptureSet) -> Result<Vec<Series>> {
-    let key = |c: &Capture| {
-        let wavelength = c.light.as_ref().and_then(|l| l.wavelength_nm);
-        (c.role, wavelength, c.analog_gain)
-    };
-    let mut kinds = Vec::new();
+    let mut kinds: Vec<Vec<&Capture>> = Vec::new();
     for capture in set.captures.iter().filter(|c| c.role != Role::Dark) {
-        if !kinds.contains(&key(capture)) {
-            kinds.push(key(capture));
+        let key = |c: &Capture| (c.role, c.light.clone(), c.analog_gain);
+        match kinds.iter_mut().find(|kind| key(kind[0]) == key(capture)) {
+            Some(kind) => kind.push(capture),
+            None => kinds.push(vec![capture]),
         }
     }
-    let mut out = Vec::new();
-    for kind in kinds {
-        let mut captures: Vec<&Capture> = set.captures.iter().filter(|c| key(c) == kind).collect();
-        captures.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
-        out.push(series(set, kind.0, kind.1, &captures)?);
-    }
-    if out.is_empty() {
+    if kinds.is_empty() {
         return Err(Error::input("no captures with light").help("add flats, charts or scenes"));
     }
-    Ok(out)
+    kinds.into_iter().map(|captures| series(set, captures)).collect()
 }
 
-fn series(
-    set: &CaptureSet,
-    role: Role,
-    wavelength_nm: Option<f64>,
-    captures: &[&Capture],
-) -> Result<Series> {
-    let (width, height) = (set.sensor.width, set.sensor.height);
-    let clear = CLEAR_OF_WHITE * f64::from(set.sensor.white_level_dn);
+/// The series of captures of one scene under one light.
+fn series(set: &CaptureSet, mut captures: Vec<&Capture>) -> Result<Series> {
+    captures.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    let (role, light) = (captures[0].role, captures[0].light.clone());
     let unknown = |x0, y0| Site { x0, y0, step_x: 2, step_y: 2, channel: 0 };
     let sites: Vec<Site> = match &set.sensor.cfa {
         Some(cfa) => Site::all(cfa),
         None => vec![unknown(0, 0), unknown(1, 0), unknown(0, 1), unknown(1, 1)],
     };
-    let (step_x, step_y) = (sites[0].step_x, sites[0].step_y);
+    let (rates, mut notes) = pixel_rates(set, &captures, &sites)?;
+    let mut positions = Vec::with_capacity(sites.len());
+    for site in &sites {
+        let letter = set.sensor.cfa.as_ref().map_or('?', |c| c.letter(site.x0, site.y0));
+        let pixels = site.pixels(set.sensor.width, set.sensor.height);
+        let all: Vec<Option<f64>> = pixels.map(|(x, y)| rates[y * set.sensor.width + x]).collect();
+        let known: Vec<f64> = all.iter().copied().flatten().collect();
+        let mean = known.iter().sum::<f64>() / known.len() as f64;
+        positions.push((letter, (!known.is_empty()).then_some(mean)));
+        let what = format!(
+            "{}, {letter} at column {}, row {} of the pattern",
+            name(role, light.as_ref()),
+            site.x0,
+            site.y0
+        );
+        notes.extend(left_out(&what, all.len() - known.len(), all.len()));
+    }
+    let largest = positions.iter().filter_map(|p| p.1).reduce(f64::max).filter(|r| *r > 0.0);
+    Ok(Series {
+        role,
+        wavelength_nm: light.as_ref().and_then(|l| l.wavelength_nm),
+        light,
+        analog_gain: captures[0].analog_gain,
+        exposures_s: captures.iter().map(|c| c.exposure_s).collect(),
+        ratios: positions.iter().map(|p| Some(p.1? / largest?)).collect(),
+        positions,
+        notes,
+    })
+}
+
+/// What is to be said of pixels of a position that have no rate.
+fn left_out(what: &str, saturated: usize, all: usize) -> Option<String> {
+    let near = "near the white level at every exposure";
+    match saturated {
+        0 => None,
+        n if n == all => Some(format!("{what}: all pixels are {near}: expose less")),
+        n => Some(format!(
+            "{what}: {n} of {all} pixels are {near} and left out; where they get more light than \
+             the others, the rate is too small: expose less"
+        )),
+    }
+}
+
+/// Rate of each pixel, DN/s, at its longest exposure clear of the white level, `None` where there
+/// is none; and remarks on the black levels. The captures are in order of exposure.
+fn pixel_rates(
+    set: &CaptureSet,
+    captures: &[&Capture],
+    sites: &[Site],
+) -> Result<(Vec<Option<f64>>, Vec<String>)> {
+    let (width, height) = (set.sensor.width, set.sensor.height);
+    let clear = CLEAR_OF_WHITE * f64::from(set.sensor.white_level_dn);
     let mut rates: Vec<Option<f64>> = vec![None; width * height];
-    let mut clipped = 0.0f64;
+    let (mut clipped, mut nominal) = (0.0f64, Vec::new());
     for capture in captures {
-        let (black, zeros) = black_at(set, capture, &sites)?;
-        clipped = clipped.max(zeros);
+        let black = Black::of(set, capture, sites)?;
+        clipped = clipped.max(black.zeros);
+        if !black.measured {
+            nominal.push(format!("{} s", capture.exposure_s));
+        }
         let stack = Stack::read(set, capture)?;
-        for (at, rate) in rates.iter_mut().enumerate() {
-            let (x, y) = (at % width, at / width);
-            let mean = stack.mean_at(x, y);
-            if mean < clear {
-                let site = (y % step_y) * step_x + x % step_x;
-                *rate = Some((mean - black[site]) / capture.exposure_s);
+        for (site, black) in sites.iter().zip(black.dn) {
+            for (x, y) in site.pixels(width, height) {
+                let mean = stack.mean_at(x, y);
+                if mean < clear {
+                    rates[y * width + x] = Some((mean - black) / capture.exposure_s);
+                }
             }
         }
     }
-    let positions: Vec<(char, f64)> = sites
-        .iter()
-        .map(|s| {
-            let letter = set.sensor.cfa.as_ref().map_or('?', |c| c.letter(s.x0, s.y0));
-            let (mut sum, mut n) = (0.0, 0u32);
-            for y in (s.y0..height).step_by(s.step_y) {
-                for x in (s.x0..width).step_by(s.step_x) {
-                    if let Some(rate) = rates[y * width + x] {
-                        sum += rate;
-                        n += 1;
-                    }
-                }
-            }
-            (letter, sum / f64::from(n.max(1)))
-        })
-        .collect();
     let mut notes = Vec::new();
+    if !nominal.is_empty() {
+        nominal.dedup();
+        notes.push(format!(
+            "no dark of {} at analog gain {}: black_level_dn of captures.toml is taken off, \
+             without the dark current",
+            nominal.join(", "),
+            captures[0].analog_gain
+        ));
+    }
     if clipped > CLIPPED {
         notes.push(format!(
             "{:.0} % of the dark samples are at 0 DN: the offset clips small signals, so rates of \
@@ -117,44 +187,45 @@ fn series(
             100.0 * clipped
         ));
     }
-    let largest = positions.iter().map(|p| p.1).fold(f64::MIN, f64::max);
-    Ok(Series {
-        role,
-        wavelength_nm,
-        exposures_s: captures.iter().map(|c| c.exposure_s).collect(),
-        ratios: positions.iter().map(|p| p.1 / largest).collect(),
-        positions,
-        notes,
-    })
+    Ok((rates, notes))
 }
 
-/// Black level of each position: the mean of the dark of the capture's exposure, else the nominal
-/// black level, DN; and the share of dark samples at 0 DN.
-fn black_at(set: &CaptureSet, capture: &Capture, sites: &[Site]) -> Result<(Vec<f64>, f64)> {
-    let dark = set.with_role(Role::Dark).find(|d| {
-        d.analog_gain == capture.analog_gain
-            && (d.exposure_s / capture.exposure_s - 1.0).abs() < SAME_EXPOSURE
-    });
-    let Some(dark) = dark else {
-        return match set.sensor.black_level_dn {
-            Some(black) => Ok((vec![black; sites.len()], 0.0)),
-            None => Err(Error::input("no dark of this exposure time, and no black_level_dn")
-                .at(format!("capture {:?}", capture.id))),
+/// The black level of a capture.
+struct Black {
+    /// Of each position, DN.
+    dn: Vec<f64>,
+    /// Whether a dark of the capture's exposure shows it; it is the nominal one otherwise.
+    measured: bool,
+    /// Share of dark samples at 0 DN.
+    zeros: f64,
+}
+
+impl Black {
+    /// The mean of the dark of the capture's exposure, else the nominal black level.
+    fn of(set: &CaptureSet, capture: &Capture, sites: &[Site]) -> Result<Self> {
+        let dark = set.with_role(Role::Dark).find(|d| {
+            d.analog_gain == capture.analog_gain
+                && (d.exposure_s / capture.exposure_s - 1.0).abs() < SAME_EXPOSURE
+        });
+        let Some(dark) = dark else {
+            return match set.sensor.black_level_dn {
+                Some(black) => {
+                    Ok(Self { dn: vec![black; sites.len()], measured: false, zeros: 0.0 })
+                }
+                None => Err(Error::input("no dark of this exposure time, and no black_level_dn")
+                    .at(format!("capture {:?}", capture.id))),
+            };
         };
-    };
-    let stack = Stack::read(set, dark)?;
-    let mean = |s: &Site| {
-        let (mut sum, mut n) = (0.0, 0u32);
-        for y in (s.y0..stack.height).step_by(s.step_y) {
-            for x in (s.x0..stack.width).step_by(s.step_x) {
-                sum += stack.mean_at(x, y);
-                n += 1;
-            }
-        }
-        sum / f64::from(n.max(1))
-    };
-    let zeros = (0..set.cfa().channels().len()).map(|c| stack.channel_moments(c).zeros);
-    Ok((sites.iter().map(mean).collect(), zeros.fold(0.0, f64::max)))
+        let stack = Stack::read(set, dark)?;
+        let mean = |site: &Site| {
+            let means = site.pixels(stack.width, stack.height).map(|(x, y)| stack.mean_at(x, y));
+            let (sum, n) = means.fold((0.0, 0u32), |(sum, n), mean| (sum + mean, n + 1));
+            sum / f64::from(n.max(1))
+        };
+        let zeros = (0..set.cfa().channels().len()).map(|c| stack.channel_moments(c).zeros);
+        let zeros = zeros.fold(0.0, f64::max);
+        Ok(Self { dn: sites.iter().map(mean).collect(), measured: true, zeros })
+    }
 }
 
 #[cfg(test)]
@@ -176,12 +247,77 @@ mod tests {
         assert_eq!(all.iter().filter(|s| s.role == Role::Chart).count(), 7);
         let at =
             |role| all.iter().find(|s| s.role == role && s.wavelength_nm == Some(550.0)).unwrap();
-        let ratios = &at(Role::Chart).ratios;
+        let known = |ratios: &[Option<f64>]| ratios.iter().map(|r| r.unwrap()).collect::<Vec<_>>();
+        let ratios = known(&at(Role::Chart).ratios);
         assert!((ratios[0] / ratios[3] - 0.9954).abs() < 0.005, "{ratios:?}");
         assert!((ratios[1] - 0.040).abs() < 0.005, "{ratios:?}");
         assert!((ratios[2] - 0.014).abs() < 0.005, "{ratios:?}");
-        let dots = at(Role::Dots);
-        assert!((0.038..0.050).contains(&dots.ratios[1]), "{:?}", dots.ratios);
+        let dots = known(&at(Role::Dots).ratios);
+        assert!((0.038..0.050).contains(&dots[1]), "{dots:?}");
         assert!(all.iter().all(|s| s.notes.iter().any(|n| n.contains("at 0 DN"))));
+    }
+
+    /// Id, keys and samples of a capture.
+    type Taken<'a> = (&'a str, &'a str, fn(usize, usize) -> u16);
+
+    /// The series of captures of one 8 x 8 frame each.
+    fn of(sensor: &str, captures: &[Taken]) -> Vec<Series> {
+        let folder = tempfile::tempdir().unwrap();
+        let head = "format = \"captures/1\"\n[sensor]\nwidth = 8\nheight = 8\nbits = 12\n";
+        let mut text = format!("{head}{sensor}\n");
+        for (id, entry, value) in captures {
+            let samples: Vec<u16> = (0..64).map(|at| value(at % 8, at / 8)).collect();
+            crate::synthetic::write_npy(
+                &folder.path().join(format!("{id}.npy")),
+                &[8, 8],
+                &samples,
+            );
+            text += &format!("[[capture]]\nid = \"{id}\"\nfiles = \"{id}.npy\"\n");
+            text += &format!("exposure_s = 0.01\n{entry}\n");
+        }
+        std::fs::write(folder.path().join("captures.toml"), text).unwrap();
+        measure(&CaptureSet::load(folder.path()).unwrap()).unwrap()
+    }
+
+    const DARK: (&str, &str, fn(usize, usize) -> u16) = ("d", "role = \"dark\"", |_, _| 64);
+
+    /// Both greens are saturated, and a quarter of the blue.
+    #[test]
+    fn saturated_positions_have_no_rate() {
+        let light = |x: usize, y: usize| match (x % 2, y % 2) {
+            (0, 0) => 2064,
+            (1, 1) if x < 3 => 4095,
+            (1, 1) => 1564,
+            _ => 4095,
+        };
+        let series = of("cfa = \"RGGB\"", &[DARK, ("a", "role = \"flat\"", light)]);
+        let series = &series[0];
+        let rates: Vec<Option<i64>> =
+            series.positions.iter().map(|p| p.1.map(|rate| rate.round() as i64)).collect();
+        assert_eq!(rates, [Some(200_000), None, None, Some(150_000)]);
+        assert_eq!(series.ratios, [Some(1.0), None, None, Some(0.75)]);
+        assert_eq!(series.notes.len(), 3, "{:?}", series.notes);
+        assert!(series.notes[2].contains("4 of 16 pixels"), "{:?}", series.notes);
+        let text = "Flat, light: R 200000.00 DN/s (1.0000), G saturated, G saturated, B 150000.00 \
+                    DN/s (0.7500)";
+        assert_eq!(series.to_string(), text);
+    }
+
+    #[test]
+    fn every_light_has_its_own_series() {
+        let flat = |light: &str| format!("role = \"flat\"\nlight = {{ {light}, lux = 100.0 }}");
+        let (a, d65) = (flat("illuminant = \"A\""), flat("illuminant = \"D65\""));
+        let series = of("", &[DARK, ("A", &a, |_, _| 564), ("D", &d65, |_, _| 3064)]);
+        let rates: Vec<f64> = series.iter().map(|s| s.positions[0].1.unwrap().round()).collect();
+        assert_eq!(rates, [50_000.0, 300_000.0]);
+        assert!(series[0].to_string().starts_with("Flat, A, 100 lx: ?"), "{}", series[0]);
+    }
+
+    #[test]
+    fn the_nominal_black_level_is_told() {
+        let series = of("black_level_dn = 64", &[("a", "role = \"flat\"", |_, _| 1064)]);
+        assert_eq!(series[0].positions[0].1.map(f64::round), Some(100_000.0));
+        let told = series[0].notes.join("\n");
+        assert!(told.contains("no dark of 0.01 s at analog gain 1: black_level_dn"), "{told}");
     }
 }

@@ -39,6 +39,14 @@ impl Site {
     pub fn rows(&self, height: usize) -> usize {
         (height + self.step_y - 1 - self.y0) / self.step_y
     }
+
+    /// Column and row of each of the site's pixels in a frame of `width` x `height`.
+    pub fn pixels(&self, width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+        let Self { x0, y0, step_x, step_y, .. } = *self;
+        (y0..height)
+            .step_by(step_y)
+            .flat_map(move |y| (x0..width).step_by(step_x).map(move |x| (x, y)))
+    }
 }
 
 #[cfg(test)]

@@ -5,11 +5,12 @@
 //! uncompressed need only the memory of the current strips, whatever the length of the stack.
 
 use super::codes::BitsSeen;
+use super::cut_off::CutOff;
 use super::moments::Moments;
 use super::site::Site;
 use super::sums::Sums;
 use camrig_base::{Error, Result};
-use camrig_captures::{Batches, Capture, CaptureSet};
+use camrig_captures::{Batches, Capture, CaptureSet, Role};
 
 /// Moments of a stack of frames and, on request, its mean frame.
 #[derive(Clone, Debug)]
@@ -30,6 +31,10 @@ pub struct Stack {
     pub moments: Vec<Moments>,
     /// Bits in which the samples vary.
     pub seen: BitsSeen,
+    /// Where the samples are cut off, of a dark.
+    pub cut_off: Option<CutOff>,
+    /// For each frame, a hash of sums: copies have the same.
+    pub(super) marks: Vec<u64>,
 }
 
 impl Stack {
@@ -60,8 +65,12 @@ impl Stack {
         let mut batches = Batches::new(&set.sensor, capture);
         let sites = Site::all(&cfa);
         let mut sums = Sums::new(width, height, sites.clone(), set.sensor.white_level_dn);
+        let mut cut_off = None;
         while !batches.is_empty() {
             let frames = batches.next_batch().map_err(place)?;
+            if capture.role == Role::Dark && sums.frames == 0 {
+                cut_off = CutOff::of(&frames[0], cfa.height).map_err(place)?;
+            }
             let whole = batches.is_empty() && sums.frames == 0;
             sums.add(&frames, &set.sensor, keep || !whole, whole).map_err(place)?;
         }
@@ -74,6 +83,8 @@ impl Stack {
             moments,
             sites,
             seen: sums.seen,
+            cut_off,
+            marks: std::mem::take(&mut sums.marks),
             sum: if keep { sums.into_pixel_sums() } else { Vec::new() },
         })
     }

@@ -8,6 +8,7 @@ use super::strips::{self, StripMoments};
 use camrig_base::{Error, Result};
 use camrig_captures::{SensorFacts, StoredFrame};
 use rayon::prelude::*;
+use std::hash::{DefaultHasher, Hasher};
 
 /// Largest number of frames whose 16-bit samples fit a `u32` sum.
 const MOST_FRAMES: usize = u16::MAX as usize;
@@ -22,14 +23,17 @@ pub struct Sums {
     pub frames: usize,
     /// Bits in which the samples vary.
     pub seen: BitsSeen,
+    /// For each frame, a hash of what was summed: copies have the same.
+    pub marks: Vec<u64>,
     /// Sums of the pixels, where they are kept beyond a batch.
     sum: Vec<u32>,
     sum_sq: Vec<u64>,
     /// Sum of the samples of each frame, per site.
     frame_sums: Vec<Vec<f64>>,
-    /// Numbers of samples at 0 DN and at or above the white level, per site.
+    /// Numbers of samples at 0 DN, at or above the white level and above it, per site.
     zeros: Vec<f64>,
     whites: Vec<f64>,
+    beyond_white: Vec<f64>,
     strips: Vec<StripMoments>,
 }
 
@@ -46,6 +50,7 @@ struct Tally {
     sums: Vec<f64>,
     zeros: Option<Vec<f64>>,
     whites: Option<Vec<f64>>,
+    beyond_white: Option<Vec<f64>>,
     largest: u16,
     seen: BitsSeen,
 }
@@ -59,11 +64,13 @@ impl Sums {
             white,
             frames: 0,
             seen: BitsSeen::default(),
+            marks: Vec::new(),
             sum: Vec::new(),
             sum_sq: Vec::new(),
             frame_sums: vec![Vec::new(); sites.len()],
             zeros: vec![0.0; sites.len()],
             whites: vec![0.0; sites.len()],
+            beyond_white: vec![0.0; sites.len()],
             strips: Vec::new(),
             sites,
         }
@@ -140,11 +147,14 @@ impl Sums {
             let largest = of_strips().map(|t| t.largest).max().unwrap_or(0);
             frame.check_largest(sensor, largest)?;
             self.seen = of_strips().fold(self.seen, |seen, t| seen.and(t.seen));
+            self.marks.push(mark(of_strips()));
             for site in 0..self.sites.len() {
                 self.frame_sums[site].push(of_strips().map(|t| t.sums[site]).sum());
                 let count = |c: &Option<Vec<f64>>| c.as_ref().map_or(0.0, |c| c[site]);
                 self.zeros[site] += of_strips().map(|t| count(&t.zeros)).sum::<f64>();
                 self.whites[site] += of_strips().map(|t| count(&t.whites)).sum::<f64>();
+                self.beyond_white[site] +=
+                    of_strips().map(|t| count(&t.beyond_white)).sum::<f64>();
             }
         }
         self.strips.extend(done.into_iter().filter_map(|d| d.1));
@@ -233,6 +243,7 @@ impl Sums {
             temporal_error: (2.0 / (l + 1.0) * square_sum).sqrt() / n,
             zeros: self.zeros[site] / (n * l),
             whites: self.whites[site] / (n * l),
+            beyond_white: self.beyond_white[site] / (n * l),
         }
     }
 }
@@ -267,10 +278,21 @@ impl Tally {
             sums,
             zeros: (low == 0).then(|| counted(0, 0)),
             whites: (high >= white).then(|| counted(white, u16::MAX)),
+            beyond_white: (high > white).then(|| counted(white + 1, u16::MAX)),
             largest: high,
             seen: samples.first().map_or(BitsSeen::default(), |&v| BitsSeen::new(v, varied)),
         }
     }
+}
+
+/// A hash of the sums of a frame's strips.
+fn mark<'a>(strips: impl Iterator<Item = &'a Tally>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    for strip in strips {
+        strip.sums.iter().for_each(|sum| hasher.write_u64(sum.to_bits()));
+        hasher.write_u16(strip.largest);
+    }
+    hasher.finish()
 }
 
 fn variance(values: &[f64]) -> f64 {
@@ -324,12 +346,13 @@ mod tests {
         assert!((m.temporal - (3.75 - 0.125)).abs() < 1e-12, "{m:?}");
         assert!((m.drift - 0.125).abs() < 1e-12);
         assert!((m.mean() - (9.0 + 22.0 + 29.5 + 4093.5) / 4.0).abs() < 1e-12);
-        assert_eq!((m.zeros, m.whites), (0.0, 0.125));
+        assert_eq!((m.zeros, m.whites, m.beyond_white), (0.0, 0.125, 0.0));
     }
 
     #[test]
     fn largest_samples_do_not_overflow() {
         let m = moments(&[[65535; 4]; 9]);
         assert_eq!((m.mean(), m.temporal), (65535.0, 0.0));
+        assert_eq!((m.whites, m.beyond_white), (1.0, 1.0));
     }
 }

@@ -454,6 +454,7 @@ mod tests {
                 temporal_error: relative * temporal,
                 zeros: 0.0,
                 whites: 0.0,
+                beyond_white: 0.0,
             };
             let variance = Value::new(temporal, m.temporal_error.max(0.01));
             knee.passes(&m, signal, variance, &Codes::of([]))

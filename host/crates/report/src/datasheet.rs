@@ -1,7 +1,7 @@
 //! The data sheet of a camera as a page.
 
 use super::emva;
-use super::numbers::{amount, number};
+use super::numbers::{NOT_DETERMINED, amount, number};
 use super::page::{Page, Table};
 use super::plot::{Colour, Mark, Plot};
 use camrig_camera::Camera;
@@ -36,7 +36,7 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
             e.channel.to_uppercase(),
             amount(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error), ""),
             e.mtf50_cycles_per_mm.map_or(String::new(), number),
-            number(e.mtf_at_nyquist),
+            e.mtf_at_nyquist.map_or_else(|| NOT_DETERMINED.into(), number),
         ]
     }));
     page.rows(&edges);

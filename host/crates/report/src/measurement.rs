@@ -158,7 +158,8 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
             format!("{:.0}", e.position[1]),
             with_error(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error)),
             pitch_um.map_or_else(|| "pitch not known".into(), per_mm),
-            with_error(e.mtf_at_nyquist, at_nyquist(e)),
+            e.mtf_at_nyquist
+                .map_or_else(|| NOT_DETERMINED.into(), |v| with_error(v, at_nyquist(e))),
             number(e.angle_deg),
             number(e.levels_dn[0]),
             number(e.levels_dn[1]),

@@ -1,7 +1,7 @@
 //! The page of the validation after section VI of Chen et al. 2009: captured frames, model and
 //! improved model side by side.
 
-use super::numbers::{fixed, number};
+use super::numbers::{NOT_DETERMINED, fixed, number};
 use super::page::{Page, Table};
 use super::plot::{Colour, Mark, Plot};
 use camrig_base::{Plane, RawFrame, Result};
@@ -126,7 +126,8 @@ fn difference_rows(sides: &[Side<'_>], levels: &[Level; 2]) -> Vec<Vec<String>> 
     vec![
         row("MTF50 of the edge", &|d| format!("{} %", signed(d.mtf50_percent, 1))),
         row("MTF at Nyquist, model and captured", &|d| {
-            format!("{:.3}, {:.3}", d.mtf_at_nyquist[0], d.mtf_at_nyquist[1])
+            let word = |v: Option<f64>| v.map_or(NOT_DETERMINED.into(), |v| format!("{v:.3}"));
+            d.mtf_at_nyquist.map(word).join(", ")
         }),
         row(&format!("standard deviation of luminance, {} lx", levels[0].lux), &scatter(0)),
         row(&format!("standard deviation of luminance, {} lx", levels[1].lux), &scatter(1)),

@@ -12,6 +12,7 @@ use super::cube::Cube;
 use super::envi_header::Header;
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
+use super::units;
 use camrig_base::{Bands, Error, Plane, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -43,7 +44,6 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let offset = header.text("header offset").map_or(Ok(0), |_| header.size("header offset"))?;
     let big_endian = big_endian(&header, sample, &mut notes)?;
     let reflectance_scale = header.number("reflectance scale factor")?;
-    let scale = sidecar.scale.unwrap_or(reflectance_scale.map_or(1.0, |s| 1.0 / s) as f32);
     let data = data_file(path, &mut notes)?;
     let size = lengths.iter().fold(sample.bytes() as u64, |n, &l| n.saturating_mul(l as u64));
     let left = std::fs::metadata(&data)
@@ -54,7 +54,8 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let mut understood =
         vec![format!("ENVI, {axes} from slowest to fastest, {sample:?}, in {}", data.display())];
     if let (Some(s), None) = (reflectance_scale, sidecar.scale) {
-        understood.push(format!("reflectance scale factor {s}: samples times {scale}"));
+        understood.push(format!("reflectance scale factor {s}: samples times {}", 1.0 / s));
+        header.refuse_gains("reflectance scale factor")?;
     }
     for key in ["data gain values", "data offset values"] {
         understood.extend(header.text(key).map(|_| format!("{key}, band by band")));
@@ -64,18 +65,35 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
             Error::input(format!("quantity = {text}")).help("use reflectance or radiance")
         })
     });
-    let own = Own {
-        nm: header.wavelengths(&mut notes)?,
-        quantity: quantity.transpose()?,
-        stated: header.stated(scale)?,
-        understood,
-        notes,
-        ..Own::default()
+    let (nm, quantity) = (header.wavelengths(&mut notes)?, quantity.transpose()?);
+    let mut own = Own { nm, quantity, understood, notes, ..Own::default() };
+    let unit = match sidecar.quantity.or(quantity) {
+        Some(Quantity::Radiance) => unit_of_radiance(&header, sidecar, &mut own),
+        _ => sidecar.scale.unwrap_or(1.0),
     };
+    let divisor = reflectance_scale.filter(|_| sidecar.scale.is_none()).unwrap_or(1.0);
+    let scale = (f64::from(unit) / divisor) as f32;
+    own.stated = header.stated(scale)?;
     let data = Bytes::File(data);
     let layout = Layout::packed(axes, lengths)?;
     let cube = Strided::new(data, offset as u64, sample, big_endian, layout, scale)?;
     sidecar.cube(Box::new(cube), own)
+}
+
+/// What makes radiance in the scene's unit of samples with their gains: by the title of the values.
+fn unit_of_radiance(header: &Header, sidecar: &Sidecar, own: &mut Own) -> f32 {
+    if let Some(unit) = header.unit_of_values() {
+        return units::radiance_scale("z plot titles", unit, sidecar, own);
+    }
+    if header.text("data gain values").is_some() && sidecar.scale.is_none() {
+        own.notes.push(
+            "the header gives gains and no unit: what they make is taken as W m⁻² sr⁻¹ nm⁻¹. \
+             ENVI's own are W m⁻² sr⁻¹ µm⁻¹, for which scale=0.001 is right, or in the header \
+             z plot titles = {Wavelength, Radiance (W/m2/sr/um)}"
+                .into(),
+        );
+    }
+    sidecar.scale.unwrap_or(1.0)
 }
 
 fn sample_of(header: &Header) -> Result<Sample> {
@@ -250,31 +268,6 @@ mod tests {
                 );
                 std::fs::write(&path, header).unwrap();
                 check(path.to_str().unwrap());
-            }
-        }
-    }
-
-    #[test]
-    fn gains_offsets_bad_bands_and_missing_data_count() {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("cube.hdr");
-        // Reflectance 0.1, 0.2, 0.3, 0.4 from 400 to 700 nm as 2 sample - 0.1; one sample of 255.
-        std::fs::write(path.with_extension("IMG"), [10, 15, 20, 25, 10, 15, 255, 25]).unwrap();
-        let header = "\u{feff}ENVI\nsamples = 1\nlines = 2\nbands = 4\ndata type = 1\n\
-                      interleave = bip\nwavelength = {400, 500, 600, 700,\n}\n\
-                      data gain values = {0.02, 0.02, 0.02, 0.02}\n\
-                      data offset values = {-0.1, -0.1, -0.1, -0.1}\n\
-                      data ignore value = 255\nbbl = {1, 0, 1, 1}\n";
-        std::fs::write(&path, header).unwrap();
-        let scene = open(path.to_str().unwrap()).unwrap();
-        // The bad band, the missing sample, and the unit of the wavelengths.
-        assert_eq!(scene.notes().len(), 3, "{:?}", scene.notes());
-        let grid = Grid { width: 1, height: 2, left: -0.5, top: -1.0, cell: 1.0 };
-        // The bad band at 500 nm lies between its neighbours: on the line, as the truth does.
-        for (band, expected) in [(10, [0.2, 0.05]), (25, [0.35, 0.2])] {
-            let plane = scene.plane(band, &grid).unwrap();
-            for (got, expected) in plane.data.iter().zip(expected) {
-                assert!((got - expected).abs() < 1e-6, "{band}: {got} for {expected}");
             }
         }
     }

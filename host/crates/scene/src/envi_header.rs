@@ -110,6 +110,23 @@ impl Header {
         numbers.map(number).collect::<Result<Vec<f64>>>().map(Some)
     }
 
+    /// Refuses gains other than 1 beside a key that scales the samples, too.
+    pub fn refuse_gains(&self, beside: &str) -> Result<()> {
+        let gains = self.list("data gain values")?.unwrap_or_default();
+        if gains.iter().all(|gain| *gain == 1.0) {
+            return Ok(());
+        }
+        Err(Error::input(format!("{beside} and data gain values would both scale the samples"))
+            .help("take one of them out of the header, or give scale=FACTOR instead of the first"))
+    }
+
+    /// The unit in the brackets of the title of the values, the second of `z plot titles`.
+    pub fn unit_of_values(&self) -> Option<&str> {
+        let (_, title) = self.text("z plot titles")?.split_once(',')?;
+        let (from, to) = (title.find(['(', '['])? + 1, title.rfind([')', ']'])?);
+        title.get(from..to).map(str::trim).filter(|unit| !unit.is_empty())
+    }
+
     /// Keys that would place samples elsewhere than packed from the header's offset, or make
     /// something else of them.
     pub fn refuse_other_layouts(&self) -> Result<()> {

@@ -394,8 +394,8 @@ impl Scatter {
 pub struct Differences {
     /// MTF50 of the captured edge against the model's, per cent.
     pub mtf50_percent: f64,
-    /// MTF at the Nyquist frequency: model, captured.
-    pub mtf_at_nyquist: [f64; 2],
+    /// MTF at the Nyquist frequency, where the samples show it: model, captured.
+    pub mtf_at_nyquist: [Option<f64>; 2],
     /// Standard deviation of the luminance at the bright and the dim level.
     pub luminance_std: [Scatter; 2],
     /// Luminance of all patches at the bright level, captured over model.

@@ -39,7 +39,7 @@ pub struct SpectralArgs {
     /// Principal components, or auto: of least error by cross-validation
     #[arg(long, default_value = "6", value_name = "K")]
     components: String,
-    /// Further training reflectances: CSV of wavelength_nm,NAME,...
+    /// Further training reflectances, fractions or per cent: CSV of wavelength_nm,NAME,...
     #[arg(long, value_name = "CSV")]
     training: Vec<PathBuf>,
     /// Relative noise that the estimate allows for
@@ -56,7 +56,9 @@ pub fn spectral(args: &SpectralArgs) -> Result<()> {
     let camera = Camera::load(&args.camera)?;
     let mut training = Vec::new();
     for path in &args.training {
-        training.extend(read_training(path)?);
+        let (spectra, notes) = read_training(path)?;
+        notes.iter().for_each(|note| eprintln!("note: {note}"));
+        training.extend(spectra);
     }
     let settings = Settings {
         reference: args.reference()?,

@@ -5,10 +5,12 @@ use crate::cli::captures::opened;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::Role;
-use camrig_measure::{Value, compare, emva, gains, ptc, rates};
+use camrig_measure::compare::{Comparison, compare};
+use camrig_measure::{Value, emva, gains, ptc, rates};
 use camrig_report as report;
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -151,23 +153,14 @@ pub fn rates_of(args: &OnCaptures) -> Result<ExitCode> {
         println!("{}", json!({ "series": series }));
         return Ok(ExitCode::SUCCESS);
     }
-    let mut notes: Vec<&String> = series.iter().flat_map(|s| &s.notes).collect();
-    notes.sort();
-    notes.dedup();
+    let notes: BTreeSet<&String> = series.iter().flat_map(|s| &s.notes).collect();
     notes.iter().for_each(|note| eprintln!("note: {note}"));
-    for s in &series {
-        let light = s.wavelength_nm.map_or("light".to_owned(), |nm| format!("{nm} nm"));
-        let positions = s.positions.iter().zip(&s.ratios);
-        let text: Vec<String> = positions
-            .map(|((letter, rate), ratio)| format!("{letter} {rate:.2} DN/s ({ratio:.4})"))
-            .collect();
-        println!("{:?}, {light}: {}", s.role, text.join(", "));
-    }
+    series.iter().for_each(|s| println!("{s}"));
     Ok(ExitCode::SUCCESS)
 }
 
 pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
-    let rows = compare::compare(&opened(&args.first)?, &opened(&args.second)?)?;
+    let Comparison { rows, notes } = compare(&opened(&args.first)?, &opened(&args.second)?)?;
     let worst = rows.iter().map(|r| r.z.abs()).fold(0.0, f64::max);
     let gap = rows.iter().map(|r| r.z * r.z).sum::<f64>() / rows.len() as f64;
     // The largest of n standard normals exceeds this in one case of a hundred (Bonferroni).
@@ -176,10 +169,11 @@ pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
     if args.json {
         let object = json!({
             "statistics": rows, "mean_square_z": gap, "largest_z": worst, "limit": limit,
-            "differ": differ,
+            "differ": differ, "notes": notes,
         });
         println!("{object}");
     } else {
+        notes.iter().for_each(|note| eprintln!("note: {note}"));
         for r in rows.iter().filter(|r| r.z.abs() > limit) {
             println!(
                 "{} {} {}: {} against {}, z {:+.1}",

@@ -1,11 +1,12 @@
 //! `camrig measure patches|profile`: figures of single raw frames.
 
+use crate::cli::arguments::finite;
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats as formats;
 use camrig_measure::mtf::Roi;
 use camrig_measure::patches::{self, Corners, built_in_corners};
-use camrig_measure::profile::{self, Along};
+use camrig_measure::profile::{self, Along, RINGS};
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
@@ -30,7 +31,7 @@ pub(super) struct Given {
     #[arg(long, value_name = "DN")]
     white: Option<u16>,
     /// Black level, where the file does not say
-    #[arg(long, value_name = "DN")]
+    #[arg(long, value_name = "DN", value_parser = finite, allow_negative_numbers = true)]
     black: Option<f64>,
 }
 
@@ -46,7 +47,7 @@ pub(super) struct Opened {
 
 impl FrameSource {
     fn open(&self) -> Result<Opened> {
-        let opened = self.given.open(&self.frame)?.0;
+        let opened = self.given.first(&self.frame)?;
         let assumed = opened.assumed_mono.then_some(&*self.frame);
         tell_assumed_mono(assumed.as_slice());
         Ok(opened)
@@ -63,6 +64,16 @@ pub(super) fn tell_assumed_mono(files: &[&Path]) {
 }
 
 impl Given {
+    /// The first frame of a file; others are told.
+    fn first(&self, path: &Path) -> Result<Opened> {
+        let (first, others) = self.open(path)?;
+        if !others.is_empty() {
+            let (name, count) = (path.display(), 1 + others.len());
+            eprintln!("note: {name} has {count} frames: the first is measured");
+        }
+        Ok(first)
+    }
+
     /// The first frame of a file, and the others.
     pub fn open(&self, path: &Path) -> Result<(Opened, Vec<Plane<u16>>)> {
         let mut frames = formats::read(path)?;
@@ -175,9 +186,9 @@ pub fn patches_of(args: &PatchesArgs) -> Result<ExitCode> {
     let plane = &frame.plane;
     // The built-in chart's card is 0.8 sensor widths wide.
     let corners = args.corners.unwrap_or_else(|| built_in_corners(plane.width, plane.height, 0.8));
-    let white = frame.white.unwrap_or(u16::MAX);
-    let patches = patches::measure(plane, &frame.cfa, frame.black()?, white, &corners)
+    let patches = patches::measure(plane, &frame.cfa, frame.black()?, frame.white, &corners)
         .map_err(|e| e.at(args.source.frame.display()))?;
+    patches::cut_off(&patches).iter().for_each(|note| eprintln!("note: {note}"));
     if args.json {
         println!("{}", json!({ "channels": names(&frame.cfa), "patches": patches }));
         return Ok(ExitCode::SUCCESS);
@@ -209,11 +220,8 @@ pub fn profile_of(args: &ProfileArgs) -> Result<ExitCode> {
         (Some(y), None) => (Along::Row, y),
         (None, None) => (Along::Row, frame.plane.height / 2),
     };
-    let other = args.against.as_ref().map(|path| {
-        let given = Given { cfa: Some(frame.cfa.to_string()), ..args.source.given.clone() };
-        Ok::<Opened, Error>(given.open(path)?.0)
-    });
-    let other = other.transpose()?;
+    let given = Given { cfa: Some(frame.cfa.to_string()), ..args.source.given.clone() };
+    let other = args.against.as_ref().map(|path| given.first(path)).transpose()?;
     let mut object = Map::new();
     for letter in frame.letters(&args.channel)? {
         let line = |f: &Opened, black: f64| {
@@ -230,7 +238,12 @@ pub fn profile_of(args: &ProfileArgs) -> Result<ExitCode> {
             Some(o) => Some(profile::difference(&here, &line(o, o.black()?)?)?),
             None => None,
         };
-        let rings = profile::relative_illumination(&frame.plane, &frame.cfa, letter, black, 20)?;
+        for f in [Some(&frame), other.as_ref()].into_iter().flatten() {
+            let told = profile::clipped(&f.plane, &f.cfa, letter, f.white, RINGS);
+            told.iter().for_each(|note| eprintln!("note: {note}"));
+        }
+        let rings =
+            profile::relative_illumination(&frame.plane, &frame.cfa, letter, black, RINGS)?;
         if args.json {
             let channel = json!({
                 "profile": here.points, "against": difference, "relative_illumination": rings,

@@ -2,6 +2,7 @@
 
 use super::frames::{Given, Opened, roi, tell_assumed_mono};
 use super::{PageArgs, plus_minus};
+use crate::cli::arguments::positive;
 use camrig_base::{Error, Plane, Result};
 use camrig_measure::Value;
 use camrig_measure::mtf::{self, Edge, Roi};
@@ -10,6 +11,9 @@ use clap::Args as ClapArgs;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+/// A frame, and its white level where that is known.
+type Frame = (Plane<u16>, Option<u16>);
 
 #[derive(ClapArgs)]
 pub struct MtfArgs {
@@ -24,7 +28,7 @@ pub struct MtfArgs {
     #[command(flatten)]
     page: PageArgs,
     /// Pixel pitch, µm, for cycles per millimetre
-    #[arg(long, value_name = "UM")]
+    #[arg(long, value_name = "UM", value_parser = positive, allow_negative_numbers = true)]
     pitch_um: Option<f64>,
     /// Channel letter, or all
     #[arg(long, default_value = "all", value_name = "r|g|b|all")]
@@ -54,11 +58,14 @@ pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
 }
 
 impl MtfArgs {
-    /// All frames of all files; what the first file says counts for all.
-    fn open(&self) -> Result<(Opened, Vec<Plane<u16>>)> {
+    /// All frames of all files; the pattern is that of the first file.
+    fn open(&self) -> Result<(Opened, Vec<Frame>)> {
         let (mut first, others) = self.given.open(&self.frames[0])?;
-        let mut planes = vec![std::mem::replace(&mut first.plane, Plane::filled(0, 0, 0))];
-        planes.extend(others);
+        let plane = std::mem::replace(&mut first.plane, Plane::filled(0, 0, 0));
+        let all = |first, others: Vec<_>, white| {
+            std::iter::once(first).chain(others).map(move |plane| (plane, white))
+        };
+        let mut planes: Vec<Frame> = all(plane, others, first.white).collect();
         let mut assumed_mono: Vec<&Path> = Vec::new();
         assumed_mono.extend(first.assumed_mono.then_some(&*self.frames[0]));
         for path in &self.frames[1..] {
@@ -73,20 +80,14 @@ impl MtfArgs {
                 .at(path.display())
                 .help("give frames of one camera"));
             }
-            planes.push(one.plane);
-            planes.extend(others);
+            planes.extend(all(one.plane, others, one.white));
         }
         tell_assumed_mono(&assumed_mono);
         Ok((first, planes))
     }
 
     /// The edges in the regions that were given.
-    fn pointed_at(
-        &self,
-        first: &Opened,
-        planes: &[Plane<u16>],
-        letters: &[char],
-    ) -> Result<Vec<Edge>> {
+    fn pointed_at(&self, first: &Opened, planes: &[Frame], letters: &[char]) -> Result<Vec<Edge>> {
         let places = self.roi.iter().flat_map(|roi| letters.iter().map(move |l| (*roi, *l)));
         let edge = |(roi, letter)| {
             self.edge(first, planes, roi, letter).map_err(|e| {
@@ -103,9 +104,9 @@ impl MtfArgs {
     }
 
     /// The edges that are found in the first frame and seen in all.
-    fn found(&self, first: &Opened, planes: &[Plane<u16>], letters: &[char]) -> Result<Vec<Edge>> {
+    fn found(&self, first: &Opened, planes: &[Frame], letters: &[char]) -> Result<Vec<Edge>> {
         let green = if letters.contains(&'G') { 'G' } else { letters[0] };
-        let regions = mtf::find_edges(&planes[0], &first.cfa, green, first.white);
+        let regions = mtf::find_edges(&planes[0].0, &first.cfa, green, first.white);
         let mut edges = Vec::new();
         for roi in &regions {
             for letter in letters {
@@ -128,8 +129,8 @@ impl MtfArgs {
         Ok(edges)
     }
 
-    fn edge(&self, first: &Opened, planes: &[Plane<u16>], roi: Roi, letter: char) -> Result<Edge> {
-        mtf::measure_frames(planes, &first.cfa, letter, roi, first.white, self.pitch_um)
+    fn edge(&self, first: &Opened, planes: &[Frame], roi: Roi, letter: char) -> Result<Edge> {
+        mtf::measure_frames(planes, &first.cfa, letter, roi, self.pitch_um)
     }
 
     /// One line about an edge; where there are several, with its place.
@@ -149,11 +150,11 @@ impl MtfArgs {
             .mtf50_frame_spread
             .map_or(String::new(), |spread| format!("; {} frames, spread {spread:.4}", e.frames));
         println!(
-            "{}{place}: MTF50 {} cycles/pixel{per_mm}, at Nyquist {:.3}, edge at {:.2} degrees\
+            "{}{place}: MTF50 {} cycles/pixel{per_mm}, at Nyquist {}, edge at {:.2} degrees\
              {frames}",
             e.channel,
             plus_minus(mtf50),
-            e.mtf_at_nyquist,
+            e.mtf_at_nyquist.map_or("not determined".into(), |v| format!("{v:.3}")),
             e.angle_deg
         );
     }

@@ -11,7 +11,8 @@
 //! rows, columns and pixels are split as in its reference implementation, the package `emva1288`.
 //!
 //! Choice of captures: all flats of the gain and light with most levels are the light levels. The
-//! longest flat stack nearest to half saturation and a dark stack of its exposure give the spatial
+//! longest flat stack nearest to half saturation of the channel that saturates first, below
+//! saturation in all of them where there is one, and a dark stack of its exposure give the spatial
 //! figures; with more than five levels that flat is not a light level as well.
 
 mod conditions;
@@ -27,12 +28,15 @@ pub use profiles::{Profile, Profiles};
 use self::spatial::{SpatialPair, spatial_figures};
 use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
 use super::codes::Codes;
-use super::dark::{self, DarkLine, SAME_EXPOSURE};
+use super::copies;
+use super::dark::{self, DarkLine, SAME_EXPOSURE, distinct};
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
+use super::remarks;
 use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
 use super::transfer::{Knee, Transfer};
+use super::value::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 
@@ -65,8 +69,8 @@ pub struct Checked {
 /// Measures a capture set.
 ///
 /// # Errors
-/// Darks or flats missing, single frames, fewer than three levels, a black level that the darks
-/// contradict.
+/// Darks or flats missing, single frames, the same frame twice, fewer than three levels, a black
+/// level or flats that the darks contradict.
 pub fn measure(set: &CaptureSet) -> Result<Checked> {
     let selection = Selection::of(set)?;
     let (mut dark_stacks, mut flat_stacks) = (Longest::default(), Longest::default());
@@ -86,6 +90,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
                 .help("give at least two frames per capture"));
         }
     }
+    ladder::check_flats(&darks, flats.iter().map(|f| &f.1))?;
     let pair = SpatialPair::choose(&darks, &flats);
     let in_ladder = |id: &str| match &pair {
         Some(p) if flats.len() > FEW_LEVELS => id != p.flat_id,
@@ -116,7 +121,8 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
             .map_err(|e| e.at(format!("channel {name}")))?;
         channel.figures.dark_current_doubling_c =
             dark::doubling(&darks, &other_darks, c).map(|v| v.value);
-        if let Some((dark, flat)) = &stacks {
+        if let (Some(p), Some((dark, flat))) = (&pair, &stacks) {
+            let flat = (!p.past[c]).then_some(flat);
             spatial_figures(&mut channel, dark, flat, c, &mut warnings)?;
         }
         channels.push(channel);
@@ -134,9 +140,12 @@ impl Longest {
         let level = |&capture: &&Capture| {
             // Two files are two frames, a level without spatial figures; one file may hold many.
             if capture.files.len() == 2 {
-                return Ok(Level::new(set, capture, &Stack::read_moments(set, capture)?));
+                let stack = Stack::read_moments(set, capture)?;
+                copies::refuse(set, capture, &stack)?;
+                return Ok(Level::new(set, capture, &stack));
             }
             let stack = Stack::read(set, capture)?;
+            copies::refuse(set, capture, &stack)?;
             let level = Level::new(set, capture, &stack);
             if self.0.as_ref().is_none_or(|longest| longest.1.frames < stack.frames) {
                 self.0 = Some((capture.id.clone(), stack));
@@ -341,6 +350,8 @@ fn ladder_figures(
         linearised_system_gain: transfer.as_ref().map(|t| t.gain.std_error),
         ..StdErrors::default()
     };
+    let efficiency = figures.quantum_efficiency.zip(std_errors.quantum_efficiency);
+    warnings.extend(efficiency.and_then(|(v, e)| remarks::efficiency(name, Value::new(v, e))));
     let rows = (0..levels.len()).map(|i| LevelRow {
         id: levels[i].id.clone(),
         photons: levels[i].photons,
@@ -424,14 +435,6 @@ impl VarianceLine {
             (n, _) => same.iter().sum::<f64>() / n as f64,
         }
     }
-}
-
-/// Number of different exposure times.
-fn distinct(values: &[f64]) -> usize {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.dedup_by(|a, b| (*a / *b - 1.0).abs() < SAME_EXPOSURE);
-    sorted.len()
 }
 
 /// Unweighted straight line: value at zero and slope.

@@ -14,6 +14,11 @@ use camrig_base::Result;
 /// subtracted is larger than the patterns of most sensors.
 const LEAST_FRAMES: usize = 3;
 
+/// Standard errors by which a level brighter than the saturated one, the level of largest temporal
+/// variance, has to have less of it to count as past saturation: one in 700 of equally bright
+/// levels has by chance.
+const LESS_VARIANCE: f64 = 3.0;
+
 /// The stacks for the spatial figures, as indices into the selection.
 pub(super) struct SpatialPair {
     pub dark: usize,
@@ -21,45 +26,74 @@ pub(super) struct SpatialPair {
     pub flat_id: String,
     pub frames: usize,
     pub same_exposure: bool,
+    /// Whether the flat is past saturation, for each channel.
+    pub past: Vec<bool>,
 }
 
 impl SpatialPair {
-    /// The flat nearest to half saturation among those of at least half the largest number of
-    /// frames, and the dark of its exposure.
+    /// Of the flats that are past saturation in the fewest channels, and have at least half the
+    /// largest number of frames of those, the one nearest to half saturation of the channel that
+    /// saturates first; and the dark of its exposure. `None` where all flats are past saturation
+    /// in every channel.
     pub fn choose(darks: &[Level], flats: &[(usize, Level)]) -> Option<Self> {
-        let saturation = saturation_index(&flats.iter().map(|f| &f.1).collect::<Vec<_>>(), 0);
-        let dark_mean = darks[0].channels[0].mean();
-        let half = 0.5 * (flats[saturation].1.channels[0].mean() - dark_mean);
-        let usable = |l: &&(usize, Level)| {
-            let m = &l.1.channels[0];
-            m.frames >= LEAST_FRAMES && m.whites < SATURATED_SHARE
+        let levels: Vec<&Level> = flats.iter().map(|f| &f.1).collect();
+        let channels = darks[0].channels.len();
+        let saturations: Vec<usize> =
+            (0..channels).map(|c| saturation_index(&levels, c)).collect();
+        let past = |i: usize| -> Vec<bool> {
+            (0..channels).map(|c| is_past(&levels, i, c, saturations[c])).collect()
         };
-        let most = flats.iter().filter(usable).map(|f| f.1.channels[0].frames).max()?;
-        let off = |l: &Level| (l.channels[0].mean() - dark_mean - half).abs();
-        let (flat, level) = flats
-            .iter()
-            .filter(usable)
-            .filter(|f| 2 * f.1.channels[0].frames >= most)
-            .min_by(|a, b| off(&a.1).total_cmp(&off(&b.1)))?;
-        let apart = |d: &Level| (d.exposure_s / level.exposure_s).ln().abs();
-        let dark =
-            (0..darks.len()).filter(|&i| darks[i].channels[0].frames >= 2).min_by(|&a, &b| {
-                let key =
-                    |i: usize| (apart(&darks[i]) > SAME_EXPOSURE, darks[i].channels[0].frames);
-                // Same exposure first, then the longest stack, then the nearest exposure.
-                let (ka, kb) = (key(a), key(b));
-                ka.0.cmp(&kb.0)
-                    .then(kb.1.cmp(&ka.1))
-                    .then(apart(&darks[a]).total_cmp(&apart(&darks[b])))
-            })?;
+        let long: Vec<(usize, Vec<bool>)> = (0..levels.len())
+            .filter(|&i| levels[i].channels[0].frames >= LEAST_FRAMES)
+            .map(|i| (i, past(i)))
+            .collect();
+        let number = |past: &[bool]| past.iter().filter(|p| **p).count();
+        let fewest = long.iter().map(|l| number(&l.1)).min().filter(|n| *n < channels)?;
+        let usable = || long.iter().filter(|l| number(&l.1) == fewest);
+        let frames = |i: usize| levels[i].channels[0].frames;
+        let most = usable().map(|l| frames(l.0)).max()?;
+        let signal =
+            |i: usize, c: usize| levels[i].channels[c].mean() - darks[0].channels[c].mean();
+        // Where none saturates, the channel of largest signal is nearest to it.
+        let first = (0..channels).min_by(|&a, &b| {
+            let of = |c: usize| signal(saturations[c], c);
+            saturations[a].cmp(&saturations[b]).then(of(b).total_cmp(&of(a)))
+        })?;
+        let off = |i: usize| (signal(i, first) - 0.5 * signal(saturations[first], first)).abs();
+        let (chosen, past) = usable()
+            .filter(|l| 2 * frames(l.0) >= most)
+            .min_by(|a, b| off(a.0).total_cmp(&off(b.0)))?;
+        let (dark, same_exposure) = nearest_dark(darks, levels[*chosen].exposure_s)?;
         Some(Self {
             dark,
-            flat: *flat,
-            flat_id: level.id.clone(),
-            frames: level.channels[0].frames,
-            same_exposure: apart(&darks[dark]) <= SAME_EXPOSURE,
+            flat: flats[*chosen].0,
+            flat_id: levels[*chosen].id.clone(),
+            frames: frames(*chosen),
+            same_exposure,
+            past: past.clone(),
         })
     }
+}
+
+/// Whether a level is past saturation in a channel, whose saturated level is given: samples at the
+/// white level, or at a full well below it less variance than darker levels have.
+fn is_past(levels: &[&Level], level: usize, channel: usize, saturation: usize) -> bool {
+    let (m, at) = (&levels[level].channels[channel], &levels[saturation].channels[channel]);
+    let error = at.temporal_error.hypot(m.temporal_error);
+    let less = at.temporal - m.temporal > LESS_VARIANCE * error;
+    m.whites >= SATURATED_SHARE || (level > saturation && less)
+}
+
+/// Index of the dark for a flat of an exposure time (s), and whether it is of that time: same
+/// exposure first, then the longest stack, then the nearest exposure.
+fn nearest_dark(darks: &[Level], exposure_s: f64) -> Option<(usize, bool)> {
+    let apart = |i: usize| (darks[i].exposure_s / exposure_s).ln().abs();
+    let other = |i: usize| apart(i) > SAME_EXPOSURE;
+    let frames = |i: usize| darks[i].channels[0].frames;
+    let dark = (0..darks.len()).filter(|&i| frames(i) >= 2).min_by(|&a, &b| {
+        other(a).cmp(&other(b)).then(frames(b).cmp(&frames(a))).then(apart(a).total_cmp(&apart(b)))
+    })?;
+    Some((dark, !other(dark)))
 }
 
 /// Step of a flat's mean less a dark's after the high-pass filter, DN: means of F and D frames of
@@ -126,58 +160,33 @@ fn parts_warning(
     ))
 }
 
-/// Fills in the spatial figures of channel `c` from the pair.
+/// Fills in the spatial figures of channel `c`; those of the flat where it is not past saturation.
 pub(super) fn spatial_figures(
     out: &mut ChannelEmva,
     dark: &Stack,
-    flat: &Stack,
+    flat: Option<&Stack>,
     c: usize,
     warnings: &mut Vec<String>,
 ) -> Result<()> {
-    let (d, f) = (dark.channel_moments(c), flat.channel_moments(c));
-    let (ds, fs) = (d.spatial(), f.spatial());
-    let k = out.figures.overall_system_gain;
-    let signal = f.mean() - d.mean();
-    let dsnu = |v: f64| v.sqrt() / k;
-    let prnu = |v: f64| 100.0 * v.sqrt() / signal;
-    let of_dark = [ds.row, ds.column, ds.pixel];
-    let of_flat = [fs.row, fs.column, fs.pixel];
-    let above = |i: usize| {
-        let error = of_flat[i].std_error.hypot(of_dark[i].std_error);
-        Value::new(of_flat[i].value - of_dark[i].value, error)
-    };
-    let (dark_total, total) = (ds.total.value, fs.total.value - ds.total.value);
-    let dark_parts = parts_of(dark_total, &of_dark);
-    let parts = parts_of(total, &std::array::from_fn(above));
-    let name = out.channel.clone();
-    warnings.extend(parts_warning("DSNU1288", &name, dark.frames, dark_total, &dark_parts));
-    let frames = flat.frames.min(dark.frames);
-    warnings.extend(parts_warning("PRNU1288", &name, frames, total, &parts));
-    let figures = &mut out.figures;
-    figures.dsnu_1288_e = (dark_total > 0.0).then(|| dsnu(dark_total));
-    [figures.dsnu_1288_row_e, figures.dsnu_1288_column_e, figures.dsnu_1288_pixel_e] =
-        dark_parts.map(|v| v.map(dsnu));
-    figures.prnu_1288_percent = (total > 0.0).then(|| prnu(total));
-    [
-        figures.prnu_1288_row_percent,
-        figures.prnu_1288_column_percent,
-        figures.prnu_1288_pixel_percent,
-    ] = parts.map(|v| v.map(prnu));
-    out.std_errors.dsnu_1288_e =
-        figures.dsnu_1288_e.map(|s| 0.5 * ds.total.std_error / (s * k * k));
-    out.std_errors.prnu_1288_percent = figures.prnu_1288_percent.map(|p| {
-        let error = fs.total.std_error.hypot(ds.total.std_error);
-        0.5 * error * (100.0 / signal).powi(2) / p
-    });
+    dsnu_figures(out, dark, c, warnings);
+    match flat {
+        Some(flat) => prnu_figures(out, dark, flat, c, warnings),
+        None => warnings.push(format!(
+            "channel {}: PRNU1288 is not determined: the channel is past saturation in every flat \
+             stack of three or more frames that the spatial figures can come from",
+            out.channel
+        )),
+    }
     // Spectra and histograms are those of the channel's first site; sites of one channel are
     // alike.
-    let Some(&site) = flat.sites.iter().find(|s| s.channel == c) else { return Ok(()) };
-    let shape = (flat.width, flat.height);
+    let Some(&site) = dark.sites.iter().find(|s| s.channel == c) else { return Ok(()) };
+    let shape = (dark.width, dark.height);
     let per_frame = |s: &Stack| 1.0 / s.frames as f64;
     let dark_mean = (&dark.sum[..], per_frame(dark));
     let plane = SitePlane::of(site, shape, &[dark_mean], Vec::new());
     out.spectrogram_dark = Some(plane.spectrogram()?);
     out.histogram_dsnu = Some(Histogram::of(&plane.data, per_frame(dark)));
+    let Some(flat) = flat else { return Ok(()) };
     let of_dark = Profiles::of(&plane);
     let terms = [(&flat.sum[..], per_frame(flat)), (dark_mean.0, -dark_mean.1)];
     let plane = SitePlane::of(site, shape, &terms, plane.data);
@@ -185,6 +194,51 @@ pub(super) fn spatial_figures(
     out.profiles = Some([of_dark, Profiles::of(&plane)]);
     out.histogram_prnu = Some(Histogram::of(&plane.high_pass(), high_passed(dark, flat)));
     Ok(())
+}
+
+/// Fills in DSNU1288 and its parts.
+fn dsnu_figures(out: &mut ChannelEmva, dark: &Stack, c: usize, warnings: &mut Vec<String>) {
+    let spatial = dark.channel_moments(c).spatial();
+    let k = out.figures.overall_system_gain;
+    let dsnu = |v: f64| v.sqrt() / k;
+    let total = spatial.total.value;
+    let parts = parts_of(total, &[spatial.row, spatial.column, spatial.pixel]);
+    warnings.extend(parts_warning("DSNU1288", &out.channel, dark.frames, total, &parts));
+    let figures = &mut out.figures;
+    figures.dsnu_1288_e = (total > 0.0).then(|| dsnu(total));
+    [figures.dsnu_1288_row_e, figures.dsnu_1288_column_e, figures.dsnu_1288_pixel_e] =
+        parts.map(|v| v.map(dsnu));
+    out.std_errors.dsnu_1288_e =
+        figures.dsnu_1288_e.map(|s| 0.5 * spatial.total.std_error / (s * k * k));
+}
+
+/// Fills in PRNU1288 and its parts.
+fn prnu_figures(
+    out: &mut ChannelEmva,
+    dark: &Stack,
+    flat: &Stack,
+    c: usize,
+    warnings: &mut Vec<String>,
+) {
+    let (d, f) = (dark.channel_moments(c), flat.channel_moments(c));
+    let (ds, fs) = (d.spatial(), f.spatial());
+    let signal = f.mean() - d.mean();
+    let prnu = |v: f64| 100.0 * v.sqrt() / signal;
+    let above = |f: Value, d: Value| Value::new(f.value - d.value, f.std_error.hypot(d.std_error));
+    let total = above(fs.total, ds.total);
+    let parts = [(fs.row, ds.row), (fs.column, ds.column), (fs.pixel, ds.pixel)];
+    let parts = parts_of(total.value, &parts.map(|(f, d)| above(f, d)));
+    let frames = flat.frames.min(dark.frames);
+    warnings.extend(parts_warning("PRNU1288", &out.channel, frames, total.value, &parts));
+    let figures = &mut out.figures;
+    figures.prnu_1288_percent = (total.value > 0.0).then(|| prnu(total.value));
+    [
+        figures.prnu_1288_row_percent,
+        figures.prnu_1288_column_percent,
+        figures.prnu_1288_pixel_percent,
+    ] = parts.map(|v| v.map(prnu));
+    out.std_errors.prnu_1288_percent =
+        figures.prnu_1288_percent.map(|p| 0.5 * total.std_error * (100.0 / signal).powi(2) / p);
 }
 
 #[cfg(test)]

@@ -168,3 +168,55 @@ fn left_aligned_samples_are_measured_in_their_own_steps() {
     near(Some(moved_threshold), threshold, 1e-9, "threshold");
     assert!(told && !untold);
 }
+
+/// Shots of a sensor whose green saturates first: one dark and 24 flats to three times its full
+/// well or white level, of eight frames each.
+fn colours(green: f64, frames: impl Fn(u32) -> usize) -> Vec<Shot> {
+    let shot = |rate, frames| Shot {
+        exposure_s: 0.02,
+        rate,
+        frames,
+        temperature_c: 25.0,
+        analog_gain: 1.0,
+    };
+    let mut shots = vec![shot(0.0, 8)];
+    shots.extend((1..=24).map(|k| shot(green / 8.0 * f64::from(k) / 0.02, frames(k))));
+    shots
+}
+
+/// Red and blue see a half of what green does; the PRNU of each is 2 %. Green saturates at the
+/// white level, and at a full well below it.
+#[test]
+fn the_prnu_of_a_colour_that_saturates_first_is_right() {
+    let full_wells = [(1e9, 4031.0), (2500.0, 2500.0)];
+    for (full_well_e, green) in full_wells {
+        let sensor = Sensor {
+            cfa: "RGGB",
+            gain: 1.0,
+            prnu: 0.02,
+            full_well_e,
+            qe: [0.46, 1.0, 0.6],
+            row_fpn_e: 0.0,
+            ..Sensor::default()
+        };
+        let directory = tempfile::tempdir().unwrap();
+        let measured = |shots: &[Shot]| {
+            sensor.write(directory.path(), shots);
+            measure(&CaptureSet::load(directory.path()).unwrap()).unwrap()
+        };
+        for channel in measured(&colours(green, |_| 8)).channels {
+            // 1536 pixels of a colour determine it to 1.8 %.
+            near(channel.figures.prnu_1288_percent, 2.0, 0.08, &channel.channel);
+        }
+        // The one long stack lies at 1.5 times what saturates green, 0.9 of blue's saturation.
+        let late = measured(&colours(green, |k| if k == 12 { 8 } else { 2 }));
+        let [red, lit, blue] = &late.channels[..] else { panic!("three channels") };
+        assert_eq!(lit.figures.prnu_1288_percent, None);
+        assert!(lit.histogram_dsnu.is_some() && lit.spectrogram_prnu.is_none());
+        for channel in [red, blue] {
+            near(channel.figures.prnu_1288_percent, 2.0, 0.08, &channel.channel);
+        }
+        let said = |w: &String| w.starts_with("channel g: PRNU1288 is not determined");
+        assert!(late.warnings.iter().any(said), "{:?}", late.warnings);
+    }
+}

@@ -1,12 +1,13 @@
 //! Warnings where captures or a sensor do not meet the standard's assumptions or requirements.
 
-use super::SpatialPair;
+use super::{DARK_EXPOSURES, SpatialPair};
 use crate::correlation::NoiseCorrelation;
 use crate::ladder::{self, Level, Selection};
+use crate::remarks;
 use crate::stack::Stack;
 use crate::transfer::Transfer;
 use camrig_base::Result;
-use camrig_captures::{Capture, CaptureSet, Role};
+use camrig_captures::{Capture, CaptureSet};
 
 /// Light levels that the standard requires.
 const LEVELS: usize = 50;
@@ -40,16 +41,7 @@ pub(super) fn set_warnings(
     if set.sensor.cfa.is_none() {
         out.push("the set names no colour filter pattern: taken as one channel".into());
     }
-    let elsewhere = set.with_role(Role::Flat).count() - selection.flats.len();
-    if elsewhere > 0 {
-        let light = selection.wavelength_nm.map_or(String::new(), |nm| format!(" and {nm} nm"));
-        out.push(format!(
-            "figures of analog gain {}{light} only, which has most levels: {elsewhere} flat \
-             captures of other gains or lights are left out (the standard measures one operating \
-             point; keep the captures of one in the set to measure another)",
-            selection.analog_gain
-        ));
-    }
+    out.extend(remarks::of_ladder(set, selection, darks, levels, DARK_EXPOSURES));
     if levels.len() < LEVELS {
         out.push(format!("{} light levels; the standard asks for at least 50", levels.len()));
     }
@@ -70,7 +62,8 @@ pub(super) fn set_warnings(
     }
     match pair {
         None => out.push(
-            "no flat stack of three or more unsaturated frames: no DSNU and PRNU, no spectrograms"
+            "no flat stack of three or more frames below saturation in any channel: no DSNU and \
+             PRNU, no spectrograms"
                 .into(),
         ),
         Some(p) => {

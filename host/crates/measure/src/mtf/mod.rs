@@ -38,6 +38,7 @@ use camrig_base::Cfa;
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Error, Plane, Result};
 use serde::Serialize;
+use std::borrow::Borrow;
 
 /// Bins per sample pitch of the channel (ISO 12233:2023).
 const OVERSAMPLING: f64 = 4.0;
@@ -64,9 +65,10 @@ const LEAST_ROWS: usize = 10;
 const LEAST_RANGE_DN: f64 = 8.0;
 /// Share of samples at the white level, or at 0 DN, from which a side counts as clipped.
 const CLIPPED_SHARE: f64 = 0.005;
-/// Share of samples at the one extreme value from which a side counts as clipped where the white
-/// level is not known: half of a side.
-const ONE_VALUE_SHARE: f64 = 0.25;
+/// Share of a side's samples at its extreme value from which it counts as clipped where the white
+/// level is not known: of symmetric noise, half lies beyond its mean, and a level at which a side
+/// is cut off there or further in has at least as many samples.
+const ONE_VALUE_SHARE: f64 = 0.5;
 /// Smallest scatter of samples, DN, for the limit of defects in noiseless frames.
 const LEAST_SCATTER_DN: f64 = 1e-9;
 
@@ -130,9 +132,10 @@ pub struct Edge {
     pub field: f64,
     /// MTF50 in cycles per millimetre, where the pitch is known.
     pub mtf50_cycles_per_mm: Option<f64>,
-    /// Response at 0.5 cycles per pixel.
-    pub mtf_at_nyquist: f64,
-    /// (cycles per pixel, response) from 0 to 1 cycle per pixel.
+    /// Response at 0.5 cycles per pixel; `None` where the curve ends before, as that of a channel
+    /// whose samples are far apart.
+    pub mtf_at_nyquist: Option<f64>,
+    /// (cycles per pixel, response) from 0 to 1 cycle per pixel, or as far as the samples allow.
     pub curve: Vec<[f64; 2]>,
     /// Standard error of each response of the curve.
     #[serde(skip)]
@@ -157,34 +160,36 @@ pub fn measure(
     white_level_dn: Option<u16>,
     pitch_um: Option<f64>,
 ) -> Result<Edge> {
-    measure_frames(std::slice::from_ref(frame), cfa, channel, roi, white_level_dn, pitch_um)
+    measure_frames(&[(frame, white_level_dn)], cfa, channel, roi, pitch_um)
 }
 
-/// [`measure`] over several frames of one edge, which may move by less than the region's margin
-/// and change in brightness between them.
+/// [`measure`] over several frames of one edge, each with its white level, DN, where that is known.
+/// They may move by less than the region's margin and change in brightness between them.
 ///
 /// # Errors
 /// Those of [`measure`] of any frame, no frame, frames of different sizes, an edge that turns or
 /// changes its sides from one frame to another.
 pub fn measure_frames(
-    frames: &[Plane<u16>],
+    frames: &[(impl Borrow<Plane<u16>>, Option<u16>)],
     cfa: &Cfa,
     channel: char,
     roi: Roi,
-    white_level_dn: Option<u16>,
     pitch_um: Option<f64>,
 ) -> Result<Edge> {
-    let numbered = |(i, frame): (usize, &Plane<u16>)| {
-        let found = find(frame, cfa, channel, roi, white_level_dn);
+    let frames: Vec<(&Plane<u16>, Option<u16>)> =
+        frames.iter().map(|(frame, white)| (frame.borrow(), *white)).collect();
+    let numbered = |(i, &(frame, white)): (usize, &(&Plane<u16>, Option<u16>))| {
+        let found = find(frame, cfa, channel, roi, white);
         found.map_err(|e| if frames.len() > 1 { e.at(format!("frame {i}")) } else { e })
     };
     let found: Vec<Found> = frames.iter().enumerate().map(numbered).collect::<Result<_>>()?;
     let first = found.first().ok_or_else(|| Error::input("no frames").help("give one or more"))?;
-    alike(frames, &found)?;
+    alike(&frames, &found)?;
     let edges = Edges::new(&found);
     let sfr = edges.response(None)?;
     let mtf50 = sfr.crossing(0.5).ok_or_else(|| {
-        Error::input("the response does not fall to one half below 1 cycle per pixel")
+        let end = sfr.curve.last().map_or(0.0, |p| p[0]);
+        Error::input(format!("the response does not fall to one half below {end:.2} cycles/pixel"))
             .help("is this an image of an edge? noise alone has such a response")
     })?;
     // Jackknife: leave out one block of rows at a time.
@@ -192,11 +197,12 @@ pub fn measure_frames(
         (0..BLOCKS).filter_map(|block| edges.response(Some(block)).ok()).collect();
     let rows = jackknife(&parts.iter().filter_map(|p| p.crossing(0.5)).collect::<Vec<_>>());
     let of_curve =
-        |p: &[f64; 2]| jackknife(&parts.iter().map(|part| part.at(p[0])).collect::<Vec<_>>());
+        |p: &[f64; 2]| jackknife(&parts.iter().filter_map(|s| s.at(p[0])).collect::<Vec<_>>());
     let mtf50_frame_spread = edges.frame_spread()?;
     let between = mtf50_frame_spread.map_or(0.0, |s| s / (frames.len() as f64).sqrt());
     let mtf50 = Value::new(mtf50, rows.max(between));
-    let half = [frames[0].width, frames[0].height].map(|side| 0.5 * side as f64);
+    let size = frames[0].0;
+    let half = [size.width, size.height].map(|side| 0.5 * side as f64);
     let (across, along) = first.line.centre();
     let place = if first.lies_down { [along, across] } else { [across, along] };
     // Pixel centres are whole numbers, the frame's centre lies between them.
@@ -222,8 +228,8 @@ pub fn measure_frames(
 }
 
 /// Refuses frames that do not show the same edge.
-fn alike(frames: &[Plane<u16>], found: &[Found]) -> Result<()> {
-    let size = |f: &Plane<u16>| (f.width, f.height);
+fn alike(frames: &[(&Plane<u16>, Option<u16>)], found: &[Found]) -> Result<()> {
+    let size = |f: &(&Plane<u16>, Option<u16>)| (f.0.width, f.0.height);
     let first = &found[0];
     for (i, (frame, one)) in frames.iter().zip(found).enumerate() {
         let what = if size(frame) != size(&frames[0]) {
@@ -315,7 +321,7 @@ pub struct Response {
 /// σ²/2ρ·(π²/4h + 3π²f²h). Samples of defective pixels are left out.
 ///
 /// # Errors
-/// Those of [`measure`].
+/// Those of [`measure`], and a frequency beyond the end of the curve.
 pub fn response<T: Copy + Into<f64>>(
     frame: &Plane<T>,
     cfa: &Cfa,
@@ -336,10 +342,14 @@ pub fn response<T: Copy + Into<f64>>(
     let pi2 = std::f64::consts::PI.powi(2);
     let at = |&f: &f64| {
         let variance = noise * pi2 * (0.25 / sfr.half + 3.0 * f * f * sfr.half);
-        (sfr.at(f) * sfr.height.abs() / difference, variance.sqrt() / difference)
+        let response = sfr.at(f).ok_or_else(|| {
+            Error::unsupported(format!("the samples do not show {f} cycles/pixel"))
+                .help("use a channel whose samples are closer together")
+        })?;
+        Ok((response * sfr.height.abs() / difference, variance.sqrt() / difference))
     };
     Ok(Response {
-        at: frequencies.iter().map(at).collect(),
+        at: frequencies.iter().map(at).collect::<Result<_>>()?,
         // The far halves of the sides are half of the samples.
         levels: [dark, bright].map(|(mean, variance)| (mean, (4.0 * variance / samples).sqrt())),
     })
@@ -401,7 +411,7 @@ fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
 struct Found {
     /// Samples in rows across the edge.
     rows: Rows,
-    /// Distance between samples of a row, pixels.
+    /// Mean distance between neighbouring samples of a row, pixels.
     step: f64,
     line: EdgeLine,
     /// Whether the edge is near the pixel rows.
@@ -442,9 +452,18 @@ fn find<T: Copy + Into<f64>>(
     if rows.len() < LEAST_ROWS {
         return Err(Error::input("fewer than 10 rows of samples across the edge"));
     }
-    let step = rows[0][1].across - rows[0][0].across;
+    let step = step(&rows);
     let line = EdgeLine::find(&rows, step)?;
+    check_sides(&rows, &line)?;
     Ok(Found { rows, step, line, lies_down })
+}
+
+/// Mean distance between neighbouring samples of the rows, pixels: patterns such as X-Trans have
+/// several in one row, and other rows have others.
+fn step(rows: &Rows) -> f64 {
+    let span = |row: &Vec<Sample>| row[row.len() - 1].across - row[0].across;
+    let gaps = rows.iter().map(|row| row.len() - 1).sum::<usize>();
+    rows.iter().map(span).sum::<f64>() / gaps as f64
 }
 
 /// A sample: position across and along the edge, pixels, and value, DN.
@@ -499,36 +518,54 @@ fn lies_down(rows: &Rows) -> bool {
     down > across.abs()
 }
 
-/// Refuses an edge whose bright or dark side is clipped: samples at the white level or at 0 DN, or
-/// half of a side at the extreme value (frames without a known white level).
+/// Refuses a region without contrast, and one with samples at the white level or at 0 DN.
 fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
-    let mut values: Vec<f64> = rows.iter().flatten().map(|s| s.value).collect();
-    values.sort_by(f64::total_cmp);
-    let (Some(&low), Some(&high)) = (values.first(), values.last()) else { return Ok(()) };
-    let n = values.len() as f64;
-    let share = |level: f64| values.iter().filter(|v| **v == level).count() as f64 / n;
+    let values = || rows.iter().flatten().map(|s| s.value);
+    let low = values().fold(f64::INFINITY, f64::min);
+    let high = values().fold(f64::NEG_INFINITY, f64::max);
+    let n = values().count() as f64;
     let at_white =
-        white.map_or(0.0, |w| values.iter().filter(|v| **v >= f64::from(w)).count() as f64 / n);
-    let flat = high - low < LEAST_RANGE_DN;
-    if flat && at_white <= CLIPPED_SHARE {
+        white.map_or(0.0, |w| values().filter(|v| *v >= f64::from(w)).count() as f64 / n);
+    let at_zero = values().filter(|v| *v == 0.0).count() as f64 / n;
+    if high - low < LEAST_RANGE_DN && at_white <= CLIPPED_SHARE {
         return Err(Error::input(format!("no edge: all samples lie within {} DN", high - low))
             .help("choose a region across a dark and a bright area"));
     }
-    if at_white > CLIPPED_SHARE || share(high) > ONE_VALUE_SHARE {
-        return Err(Error::input(format!(
-            "the bright side is clipped at {high} DN ({:.0} % of the samples)",
-            100.0 * at_white.max(share(high))
-        ))
-        .help("expose less: a clipped edge has no true response"));
+    if at_white > CLIPPED_SHARE {
+        return Err(clipped(true, high, at_white, "the samples"));
     }
-    if (low == 0.0 && share(0.0) > CLIPPED_SHARE) || share(low) > ONE_VALUE_SHARE {
-        return Err(Error::input(format!(
-            "the dark side is clipped at {low} DN ({:.0} % of the samples)",
-            100.0 * share(low)
-        ))
-        .help("raise the black level or the light: a clipped edge has no true response"));
+    if at_zero > CLIPPED_SHARE {
+        return Err(clipped(false, low, at_zero, "the samples"));
     }
     Ok(())
+}
+
+/// Refuses an edge of which a side has one extreme value: it is clipped at a level that is not
+/// known.
+fn check_sides(rows: &Rows, line: &EdgeLine) -> Result<()> {
+    let samples = || rows.iter().flatten();
+    for bright in [false, true] {
+        let after = bright == line.rises;
+        let side = samples().filter(|s| (s.across > line.at(s.along)) == after);
+        let values: Vec<f64> = side.map(|s| s.value).collect();
+        let further = if bright { f64::max } else { f64::min };
+        let Some(extreme) = values.iter().copied().reduce(further) else { continue };
+        let share = values.iter().filter(|v| **v == extreme).count() as f64 / values.len() as f64;
+        if share > ONE_VALUE_SHARE {
+            return Err(clipped(bright, extreme, share, "its samples"));
+        }
+    }
+    Ok(())
+}
+
+/// The error for a side whose level is cut off at `dn` in a `share` of some samples.
+fn clipped(bright: bool, dn: f64, share: f64, of: &str) -> Error {
+    let (side, remedy) = match bright {
+        true => ("bright", "expose less"),
+        false => ("dark", "raise the black level or the light"),
+    };
+    Error::input(format!("the {side} side is clipped at {dn} DN ({:.0} % of {of})", 100.0 * share))
+        .help(format!("{remedy}: a clipped edge has no true response"))
 }
 
 #[cfg(test)]

@@ -41,7 +41,7 @@ impl Spread {
     }
 
     /// The spread function up to the distance `reach` of all rows except those of the block
-    /// `without`; `step` is the distance between samples of a row, pixels.
+    /// `without`; `step` is the mean distance between samples of a row, pixels.
     pub fn of(
         rows: &Rows,
         line: &EdgeLine,
@@ -137,11 +137,11 @@ impl Sfr {
         })
     }
 
-    /// The response at a frequency, cycles per pixel.
-    pub fn at(&self, f: f64) -> f64 {
-        let i = self.curve.partition_point(|p| p[0] < f).clamp(1, self.curve.len() - 1);
-        let ([f0, m0], [f1, m1]) = (self.curve[i - 1], self.curve[i]);
-        m0 + (m1 - m0) * (f - f0) / (f1 - f0)
+    /// The response at a frequency, cycles per pixel; `None` beyond the end of the curve.
+    pub fn at(&self, f: f64) -> Option<f64> {
+        let i = self.curve.partition_point(|p| p[0] < f).max(1);
+        let ([f0, m0], [f1, m1]) = (self.curve[i - 1], *self.curve.get(i)?);
+        Some(m0 + (m1 - m0) * (f - f0) / (f1 - f0))
     }
 }
 

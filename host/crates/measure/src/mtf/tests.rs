@@ -88,6 +88,11 @@ fn frame(width: usize, height: usize, values: &[f64]) -> Plane<u16> {
     Plane { width, height, data: values.iter().map(|v| v.round() as u16).collect() }
 }
 
+/// Frames of unknown white level.
+fn seen(frames: &[Plane<u16>]) -> Vec<(&Plane<u16>, Option<u16>)> {
+    frames.iter().map(|frame| (frame, None)).collect()
+}
+
 fn whole(f: &Plane<u16>) -> Roi {
     Roi { x: 0, y: 0, width: f.width, height: f.height }
 }
@@ -280,8 +285,9 @@ fn frames_of_several_edges_average_to_the_closed_form() {
     let mut squares = [0.0; 2];
     for (left, top, deg, sigma, lies_down) in FIELD {
         let roi = Roi { x: left + 8, y: top + 8, width: 80, height: 80 };
-        let of =
-            |frames: &[Plane<u16>]| measure_frames(frames, &mono(), 'M', roi, None, None).unwrap();
+        let of = |frames: &[Plane<u16>]| {
+            measure_frames(&seen(frames), &mono(), 'M', roi, None).unwrap()
+        };
         let (all, one) = (of(&frames), of(&frames[..1]));
         let expected = of_blur(sigma, deg);
         let (found, error) = (all.mtf50_cycles_per_pixel, all.mtf50_std_error);
@@ -319,7 +325,7 @@ fn movement_between_frames_blurs_nothing() {
     let frames = field(5, 3.0);
     let (left, top, deg, sigma, _) = FIELD[1];
     let roi = Roi { x: left + 8, y: top + 8, width: 80, height: 80 };
-    let all = measure_frames(&frames, &mono(), 'M', roi, None, None).unwrap();
+    let all = measure_frames(&seen(&frames), &mono(), 'M', roi, None).unwrap();
     let expected = of_blur(sigma, deg);
     let found = all.mtf50_cycles_per_pixel;
     assert!((found / expected - 1.0).abs() < 0.005, "{found} {expected}");
@@ -349,10 +355,77 @@ fn frames_of_different_edges_are_refused() {
     let turned = Plane { data: there.data.iter().map(|v| 4000 - v).collect(), ..there.clone() };
     let said = |frames: &[Plane<u16>]| {
         let roi = Roi { x: 0, y: 0, width: 80, height: 120 };
-        measure_frames(frames, &mono(), 'M', roi, None, None).unwrap_err().to_string()
+        measure_frames(&seen(frames), &mono(), 'M', roi, None).unwrap_err().to_string()
     };
     let told = said(&[there.clone(), turned]);
     assert!(told.contains("another edge") && told.contains("frame 1"), "{told}");
     assert!(said(&[there, of(0.0)]).contains("frame 1"));
     assert!(said(&[]).contains("no frames"));
+}
+
+/// An edge of levels 100 and 2600 DN through a Gaussian blur of 0.8 pixels, `away` pixels from the
+/// middle, with noise of 3 DN.
+fn noisy_edge(side: usize, away: f64) -> Plane<u16> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
+    let noise = Normal::new(0.0, 3.0).unwrap();
+    let blur = |f: f64| (-2.0 * (PI * 0.8 * f).powi(2)).exp();
+    let values = through(side, side, 5.0, -away, blur);
+    let dn = |v: f64| (1350.0 + (v - 2000.0) * 1250.0 / 1600.0).round();
+    let one = |v: &f64| (dn(*v) + noise.sample(&mut rng)).round() as u16;
+    Plane { width: side, height: side, data: values.iter().map(one).collect() }
+}
+
+/// A quarter of the region beyond the edge, cut off at a level that nothing tells: the side is
+/// found to be clipped by its own samples.
+#[test]
+fn a_clipped_minority_side_is_refused() {
+    let whole_range = noisy_edge(100, 30.0);
+    let roi = whole(&whole_range);
+    let bright = measure(&whole_range, &mono(), 'M', roi, None, None).unwrap();
+    assert!(bright.levels_dn[1] > 2500.0, "{:?}", bright.levels_dn);
+    let changed = |of: fn(u16) -> u16| Plane {
+        data: whole_range.data.iter().map(|v| of(*v)).collect(),
+        ..whole_range.clone()
+    };
+    let told = |frame: &Plane<u16>| {
+        measure(frame, &mono(), 'M', roi, None, None).unwrap_err().to_string()
+    };
+    let clipped = told(&changed(|v| v.min(1023)));
+    assert!(clipped.contains("bright side is clipped at 1023 DN"), "{clipped}");
+    let dark = told(&changed(|v| 3000 - v.min(1023)));
+    assert!(dark.contains("dark side is clipped at 1977 DN"), "{dark}");
+}
+
+/// Each frame is held against its own white level.
+#[test]
+fn frames_have_white_levels_of_their_own() {
+    let frame = noisy_edge(100, 0.0);
+    let of = |whites: [u16; 2]| {
+        let frames = whites.map(|white| (&frame, Some(white)));
+        measure_frames(&frames, &mono(), 'M', whole(&frame), None)
+    };
+    assert!(of([4095, 4095]).is_ok());
+    let told = of([4095, 2595]).unwrap_err().to_string();
+    assert!(told.contains("bright side is clipped") && told.contains("frame 1"), "{told}");
+}
+
+/// The red samples of X-Trans are 4.5 pixels apart on average: their curve ends at 0.45 cycles per
+/// quarter of that, and nothing is said of what lies beyond.
+#[test]
+fn no_response_beyond_the_samples_of_x_trans() {
+    let x_trans = Cfa::parse("GGRGGB/GGBGGR/BRGRBG/GGBGGR/GGRGGB/RBGBRG").unwrap();
+    let frame = noisy_edge(120, 0.0);
+    let of = |channel| measure(&frame, &x_trans, channel, whole(&frame), None, None).unwrap();
+    let blur = |f: f64| (-2.0 * (PI * 0.8 * f).powi(2)).exp() * sinc(f);
+    let (red, green) = (of('R'), of('G'));
+    let end = red.curve.last().unwrap()[0];
+    // The region ends within the pattern, so that the mean distance is not quite that.
+    assert!((end - 0.4).abs() < 0.01, "{end}");
+    assert_eq!(red.mtf_at_nyquist, None);
+    let found = green.mtf_at_nyquist.unwrap();
+    assert!((found - blur(0.5)).abs() < 0.02, "{found} {}", blur(0.5));
+    for edge in [red, green] {
+        let at = edge.mtf50_cycles_per_pixel;
+        assert!((blur(at) - 0.5).abs() < 0.02, "{}: {at}", edge.channel);
+    }
 }

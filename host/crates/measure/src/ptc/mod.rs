@@ -23,10 +23,12 @@ mod notes;
 
 use self::notes::{channel_notes, sensor_notes};
 use super::codes::Codes;
-use super::dark::{self, DarkLine};
+use super::copies;
+use super::dark::{self, DarkLine, LEAST_EXPOSURES};
 use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
 use super::moments::Moments;
+use super::remarks;
 use super::rounding::{QUANTISATION, rounding_of_patterns};
 use super::site::Site;
 use super::spatial::SpatialVariance;
@@ -121,8 +123,8 @@ pub struct Ptc {
 /// Runs the photon transfer on the analog gain and light with most flats.
 ///
 /// # Errors
-/// Darks or flats missing, single frames, fewer than two usable flat levels, a black level that
-/// the darks contradict.
+/// Darks or flats missing, single frames, the same frame twice, fewer than two usable flat levels,
+/// a black level or flats that the darks contradict.
 pub fn measure(set: &CaptureSet) -> Result<Ptc> {
     of_selection(set, &Selection::of(set)?)
 }
@@ -137,7 +139,11 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     let (other_darks, _) = read_darks(set, &selection.other_darks)?;
     let flats = Flats::read(set, selection, &darks)?;
 
+    ladder::check_flats(&darks, flats.levels.iter())?;
+
     let mut notes = sensor_notes(set, selection, &darks);
+    let remarks = remarks::of_ladder(set, selection, &darks, &flats.levels, LEAST_EXPOSURES);
+    notes.extend(remarks);
     notes.extend(ladder::codes(&darks, &flats.levels).note());
     // The longest stack has the least noise in its fixed patterns; among equals the longest
     // exposure.
@@ -155,6 +161,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
                 .map_err(|e| e.at(format!("channel {name}")))?;
         channel_notes(&transfer, &flats.levels, &name, &mut notes);
         let mut figures = figures_of(&transfer, &flats.levels, c, white);
+        notes.extend(figures.quantum_efficiency.and_then(|v| remarks::efficiency(&name, v)));
         let k = transfer.gain.value;
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
         let dsnu = dsnu_level.channels[c].spatial().total;
@@ -189,6 +196,7 @@ fn read_darks(set: &CaptureSet, captures: &[&Capture]) -> Result<(Vec<Level>, Li
     let mut levels = Vec::new();
     for capture in captures {
         let stack = Stack::read(set, capture)?;
+        copies::refuse(set, capture, &stack)?;
         let level = Level::new(set, capture, &stack);
         let point = |m: &Moments| Point {
             x: level.exposure_s,
@@ -230,6 +238,7 @@ impl Flats {
         let mut waiting: Option<(Stack, Level)> = None;
         for capture in order {
             let stack = Stack::read(set, capture)?;
+            copies::refuse(set, capture, &stack)?;
             let level = Level::new(set, capture, &stack);
             let codes = ladder::codes(darks, std::slice::from_ref(&level));
             for (c, m) in level.channels.iter().enumerate() {
