@@ -4,7 +4,7 @@
 //! BZERO = 32768 (section 5.2.5). Read is the first image of the file, primary or extension, plain
 //! or compressed in tiles (section 10), of integers or floats of any size whose values are whole.
 //! Keywords of camera programs that are understood: BAYERPAT (COLORTYP) with XBAYROFF and
-//! YBAYROFF, ROWORDER, and what [`Taken`](crate::Taken) holds. EXPTIME is written, where it is
+//! YBAYROFF, ROWORDER, and what [`Taken`] holds. EXPTIME is written, where it is
 //! known. An extension without one of these keywords takes it from a primary header without data
 //! unless it says INHERIT = F (the INHERIT convention of the FITS registry), which a note says:
 //! programs that compress an image move it behind such a header.
