@@ -92,11 +92,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         let length = header.data_bytes();
         if header.has_image() {
             if found.is_none() {
-                if let Some(note) = primary.as_ref().and_then(|p| header.inherit(p)) {
-                    facts.notes.push(note);
-                }
-                facts.taken = header.taken();
-                header.comments.iter().for_each(|c| facts.merge_note(c));
+                facts = facts_of(&mut header, primary.as_ref());
                 found = Some(planes(&header, data, &mut facts)?);
             } else {
                 others += 1;
@@ -122,17 +118,21 @@ pub fn taken(bytes: &[u8]) -> Result<Taken> {
     loop {
         let mut header = Header::read(rest)?;
         if header.has_image() {
-            if let Some(primary) = &primary {
-                header.inherit(primary);
-            }
-            let mut facts = Facts { taken: header.taken(), ..Facts::default() };
-            header.comments.iter().for_each(|c| facts.merge_note(c));
-            return Ok(facts.taken);
+            return Ok(facts_of(&mut header, primary.as_ref()).taken);
         }
         let length = header.bytes + header.data_bytes()?.next_multiple_of(BLOCK);
         rest = rest.get(length..).unwrap_or(&[]);
         primary.get_or_insert(header);
     }
+}
+
+/// What the header of an image says, and the primary header in front of it.
+fn facts_of(header: &mut Header, primary: Option<&Header>) -> Facts {
+    let mut facts = Facts::default();
+    facts.notes.extend(primary.and_then(|primary| header.inherit(primary)));
+    facts.taken = header.taken();
+    header.comments.iter().for_each(|comment| facts.merge_note(comment));
+    facts
 }
 
 /// The frames of an image.
