@@ -35,6 +35,10 @@ pub struct Sample {
     pub amplitude: f64,
 }
 
+/// Width over height from which on cells are wider than the outline's height asks for, so that what
+/// vignetting leaves, a few per cent of a round pupil or less, takes bounded memory.
+const FLATTEST: f64 = 16.0;
+
 /// The traced rays, one entry per node of the grid.
 struct Nodes {
     columns: usize,
@@ -48,12 +52,13 @@ struct Nodes {
 }
 
 impl PupilSamples {
-    /// Traces a grid with `across` square cells over the pupil's extent in y.
+    /// Traces a grid with `across` square cells over the pupil's extent in y, or over more where
+    /// that is less than a sixteenth of its extent in x.
     #[must_use]
     pub fn trace(beam: &impl Bundle, outline: &Outline, across: usize) -> Self {
         let ([low, high], widest) = outline.bounds();
         let left = outline.left();
-        let cell = (high - low) / across as f64;
+        let cell = (high - low).max((widest - left) / FLATTEST) / across as f64;
         let inner_columns = (((widest - left) / cell).ceil() as usize).max(1);
         let coverage = coverage(outline, [inner_columns, across], [left, low], cell);
         // One node more on every side but the mirror's, for differences across cell borders.

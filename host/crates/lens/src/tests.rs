@@ -416,6 +416,19 @@ mod fuzz {
         }
     }
 
+    /// Found by fuzzing: next to nothing of the pupil is left, which asked for more cells than
+    /// there is memory.
+    #[test]
+    fn a_pupil_that_vignetting_leaves_a_sliver_of_is_survived() {
+        let sliver = ZMX
+            .replace("ENPD 10.0", "ENPD 30.0")
+            .replace("FLAP 0 6.5 0", "FLAP 5 6.4 0")
+            .replace("CURV -0.0543620", "CURV 0")
+            .replace("CURV 0.04542651", "CURV 0.04546651")
+            .replace("  PARM 3 2.0E-9\n", "");
+        survive(zmx::read, &sliver);
+    }
+
     /// The three files are one lens, told in three ways.
     #[test]
     fn the_same_lens_in_three_formats() {
