@@ -131,22 +131,12 @@ mod tests {
     const SENSOR: Sensor = Sensor {
         width: 64,
         height: 48,
-        bits: 12,
-        cfa: "mono",
         gain: 0.5,
-        read_e: 4.0,
-        read_post_e: 0.0,
         full_well_e: 7000.0,
-        black_dn: 64.0,
-        prnu: 0.01,
         row_fpn_e: 0.0,
         dark_e_per_s: 0.0,
         dsnu_e_per_s: 0.0,
-        qe: [0.5; 3],
-        nonlinearity: 0.0,
-        coupling: [0.0; 2],
-        moved_up: 0,
-        seed: 1,
+        ..Sensor::USUAL
     };
 
     fn shot(exposure_s: f64, electrons: f64) -> Shot {

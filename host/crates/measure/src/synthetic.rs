@@ -37,28 +37,33 @@ pub struct Sensor {
     pub seed: u64,
 }
 
+impl Sensor {
+    /// A sensor of no special kind.
+    pub const USUAL: Self = Self {
+        width: 96,
+        height: 64,
+        bits: 12,
+        cfa: "mono",
+        gain: 0.4,
+        read_e: 4.0,
+        read_post_e: 0.0,
+        full_well_e: 9000.0,
+        black_dn: 64.0,
+        prnu: 0.01,
+        row_fpn_e: 1.0,
+        dark_e_per_s: 40.0,
+        dsnu_e_per_s: 10.0,
+        qe: [0.5; 3],
+        nonlinearity: 0.0,
+        coupling: [0.0; 2],
+        moved_up: 0,
+        seed: 1,
+    };
+}
+
 impl Default for Sensor {
     fn default() -> Self {
-        Self {
-            width: 96,
-            height: 64,
-            bits: 12,
-            cfa: "mono",
-            gain: 0.4,
-            read_e: 4.0,
-            read_post_e: 0.0,
-            full_well_e: 9000.0,
-            black_dn: 64.0,
-            prnu: 0.01,
-            row_fpn_e: 1.0,
-            dark_e_per_s: 40.0,
-            dsnu_e_per_s: 10.0,
-            qe: [0.5; 3],
-            nonlinearity: 0.0,
-            coupling: [0.0; 2],
-            moved_up: 0,
-            seed: 1,
-        }
+        Self::USUAL
     }
 }
 
