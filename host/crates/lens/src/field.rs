@@ -309,14 +309,9 @@ impl<'a> Beam<'a> {
             let ways = std::array::from_fn(|i| way((block * LANES + i) as f64));
             edges.extend(edges_along(&trace, step, &ways, centre.excess[0], middle));
         }
-        if edges.iter().all(Option::is_none) {
-            return Err(Error::input("no light gets through the apertures")
-                .at(here())
-                .help("give smaller fields, or check the apertures"));
-        }
         // Closed: the last azimuth is the first.
         edges.push(edges[0]);
-        Ok(Outline { extent: Extent::Whole, edges })
+        Outline::new(Extent::Whole, edges, &here)
     }
 
     /// Root-mean-square distance of the rays from their centroid, mm: rays at even steps between

@@ -508,12 +508,27 @@ impl Outline {
             let trace = |places: &[[f64; 2]; LANES]| beam.trace(places);
             edges.extend(edges_along(&trace, step, &ways, centre.excess[0], middle));
         }
-        if edges.iter().all(Option::is_none) {
-            return Err(Error::input("no light gets through the apertures")
+        Self::new(Extent::MirrorHalf, edges, &place)
+    }
+
+    /// The outline with these edges; `place` names the field point.
+    ///
+    /// # Errors
+    /// A pupil without light. Between edges that differ by no more than rounding there is none:
+    /// ratios to its area would be of noise.
+    pub(super) fn new(
+        extent: Extent,
+        edges: Vec<Option<[EdgePoint; 2]>>,
+        place: &dyn Fn() -> String,
+    ) -> Result<Self> {
+        let radius = |point: &EdgePoint| point.launch[0].hypot(point.launch[1]);
+        let wide = |[from, to]: &[EdgePoint; 2]| radius(to) - radius(from) > THINNEST * radius(to);
+        match edges.iter().flatten().any(wide) {
+            true => Ok(Self { extent, edges }),
+            false => Err(Error::input("no light gets through the apertures")
                 .at(place())
-                .help("give smaller fields, or check the apertures"));
+                .help("give smaller fields, or check the apertures")),
         }
-        Ok(Self { extent: Extent::MirrorHalf, edges })
     }
 
     /// Area of the pupil in image-side direction cosines: its projected solid angle, sr.
@@ -558,6 +573,9 @@ impl Outline {
     }
 }
 
+/// Least width of a pupil with light, over the distance of its edge from the chief ray: edges are
+/// found to 1e-12 of it.
+const THINNEST: f64 = 1e-9;
 /// Steps over the pupil's diameter in which its edge is looked for, up to four times its radius:
 /// an obstacle thinner than a step is missed, and a pupil that grows by more with the field is cut
 /// off.

@@ -56,10 +56,8 @@ impl PupilSamples {
     /// that is less than a sixteenth of its extent in x.
     #[must_use]
     pub fn trace(beam: &impl Bundle, outline: &Outline, across: usize) -> Self {
-        let ([low, high], widest) = outline.bounds();
         let left = outline.left();
-        let cell = (high - low).max((widest - left) / FLATTEST) / across as f64;
-        let inner_columns = (((widest - left) / cell).ceil() as usize).max(1);
+        let (low, cell, inner_columns) = grid(outline, across);
         let coverage = coverage(outline, [inner_columns, across], [left, low], cell);
         // One node more on every side but the mirror's, for differences across cell borders.
         let before = match outline.extent {
@@ -193,6 +191,15 @@ impl Nodes {
     }
 }
 
+/// The least launch y, the side of a cell, and the columns of a grid over the outline with `across`
+/// rows.
+fn grid(outline: &Outline, across: usize) -> (f64, f64, usize) {
+    let ([low, high], widest) = outline.bounds();
+    let width = widest - outline.left();
+    let cell = (high - low).max(width / FLATTEST) / across as f64;
+    (low, cell, ((width / cell).ceil() as usize).max(1))
+}
+
 /// The share of every cell inside the outline: exact areas of the polygon through its points.
 fn coverage(
     outline: &Outline,
@@ -318,5 +325,14 @@ mod tests {
             assert!((area - exact).abs() < 1e-9, "{area} instead of {exact}");
             assert!(shares.iter().all(|v| (0.0..=1.0).contains(v)));
         }
+    }
+    /// A sliver, a million times as wide as high, takes no more cells than sixteen squares.
+    #[test]
+    fn slivers_take_bounded_memory() {
+        let at =
+            |x: f64, y: f64| EdgePoint { launch: [x, y], direction: [0.0; 2], landing: [0.0; 2] };
+        let edges = vec![Some([at(0.0, 0.0), at(1.0, 0.0)]), Some([at(0.0, 1e-6), at(1.0, 1e-6)])];
+        let (_, _, columns) = grid(&Outline { extent: Extent::MirrorHalf, edges }, 128);
+        assert_eq!(columns, 16 * 128);
     }
 }
