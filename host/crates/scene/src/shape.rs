@@ -100,20 +100,24 @@ fn paint_disc(centre: Point, radius: f64, grid: &Grid, value: f32, plane: &mut P
     let r = radius / grid.cell;
     let left = (grid.left - centre[0]) / grid.cell;
     let top = (grid.top - centre[1]) / grid.cell;
-    for y in touched(centre[1] - radius, centre[1] + radius, grid.top, grid.cell, grid.height) {
-        let (y0, y1) = (top + y as f64, top + y as f64 + 1.0);
-        for x in touched(centre[0] - radius, centre[0] + radius, grid.left, grid.cell, grid.width)
-        {
-            let (x0, x1) = (left + x as f64, left + x as f64 + 1.0);
-            let far = x0.abs().max(x1.abs()).powi(2) + y0.abs().max(y1.abs()).powi(2);
-            let covered = if far <= r * r {
-                1.0
-            } else {
-                disc_quadrant(x1, y1, r) - disc_quadrant(x0, y1, r) - disc_quadrant(x1, y0, r)
-                    + disc_quadrant(x0, y0, r)
-            };
-            plane.data[y * grid.width + x] += covered.clamp(0.0, 1.0) as f32 * value;
+    let columns =
+        touched(centre[0] - radius, centre[0] + radius, grid.left, grid.cell, grid.width);
+    let rows = touched(centre[1] - radius, centre[1] + radius, grid.top, grid.cell, grid.height);
+    let [u, v] = [left, top].map(|start| move |index: usize| start + index as f64);
+    // Quadrants of a line of corners: each corner is that of four cells.
+    let line = |y: usize| -> Vec<f64> {
+        (columns.start..=columns.end).map(|x| disc_quadrant(u(x), v(y), r)).collect()
+    };
+    let mut above = line(rows.start);
+    for y in rows {
+        let below = line(y + 1);
+        for (i, x) in columns.clone().enumerate() {
+            let far = u(x).powi(2).max(u(x + 1).powi(2)) + v(y).powi(2).max(v(y + 1).powi(2));
+            let part = below[i + 1] - below[i] - above[i + 1] + above[i];
+            let covered = if far <= r * r { 1.0 } else { part.clamp(0.0, 1.0) };
+            plane.data[y * grid.width + x] += covered as f32 * value;
         }
+        above = below;
     }
 }
 
