@@ -52,6 +52,7 @@
 //! ```
 //! `examples/` has this with a chart and a DNG, a client of a rig, EMVA 1288 figures from frames,
 //! and a diagnosis.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod cli;
 pub mod prelude;

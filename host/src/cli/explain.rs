@@ -128,7 +128,7 @@ fn explain_preset(name: &str, json: bool) -> Result<()> {
     let top = f64::from((1u32 << sensor.bits) - 1);
     let dn_per_e = top / sensor.full_well_e;
     let saturation_e = (top - sensor.black_level_dn) / dn_per_e;
-    let dynamic_range_db = 20.0 * (saturation_e / sensor.noise.read_e).log10();
+    let dynamic_range_db = 20.0 * libm::log10(saturation_e / sensor.noise.read_e);
     if json {
         let values: Vec<Value> = entries().map(value_json).collect();
         let figures = json!({

@@ -32,6 +32,7 @@
 //! assert_eq!((&*name, mean_dn, saturated), ("g", 961.5, 0.5));
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod alternatives;
 mod cfa;

@@ -6,7 +6,7 @@ const DIGITS: i32 = 4;
 
 /// A value with two digits of its error; powers of ten below 0.001 and from 10000 on.
 pub fn with_error(value: f64, std_error: Option<f64>) -> String {
-    let power = |v: f64| v.abs().log10().floor() as i32;
+    let power = |v: f64| libm::log10(v.abs()).floor() as i32;
     let std_error = std_error.filter(|se| *se > 0.0 && se.is_finite());
     let size = if value == 0.0 { std_error.unwrap_or(1.0) } else { value };
     let last = std_error.map_or(power(size) - DIGITS + 1, |se| power(se) - 1);

@@ -8,10 +8,10 @@ const HALF_LN_TWO_PI: f64 = 0.918_938_533_204_672_8;
 /// ln P(Z > z) of a standard normal Z, by its asymptotic series where erfc underflows.
 pub fn ln_upper(z: f64) -> f64 {
     if z < 10.0 {
-        return libm::erfc(z * FRAC_1_SQRT_2).ln() - LN_2;
+        return libm::log(libm::erfc(z * FRAC_1_SQRT_2)) - LN_2;
     }
     let u = 1.0 / (z * z);
-    -0.5 * z * z - z.ln() - HALF_LN_TWO_PI + (u * (-1.0 + u * (3.0 - 15.0 * u))).ln_1p()
+    -0.5 * z * z - libm::log(z) - HALF_LN_TWO_PI + libm::log1p(u * (-1.0 + u * (3.0 - 15.0 * u)))
 }
 
 /// The z with ln P(Z > z) = `ln_p`.
@@ -33,7 +33,7 @@ pub fn deviate(ln_p: f64) -> f64 {
 /// & Hilferty 1931).
 pub fn chi_square(ratio: f64, dof: f64) -> f64 {
     let v = 2.0 / (9.0 * dof);
-    (ratio.max(0.0).cbrt() - (1.0 - v)) / v.sqrt()
+    (libm::cbrt(ratio.max(0.0)) - (1.0 - v)) / v.sqrt()
 }
 
 /// Median of a mean of squares with `dof` degrees of freedom over its expectation (Wilson &
@@ -61,9 +61,13 @@ pub fn student(z: f64, dof: f64) -> f64 {
 
 /// Normal deviate of the largest of `count` independent standard normal deviates.
 pub fn largest(z: f64, count: usize) -> f64 {
-    let ln_expected = (count.max(1) as f64).ln() + ln_upper(z);
+    let ln_expected = libm::log(count.max(1) as f64) + ln_upper(z);
     // P(any) = 1 − exp(−expected).
-    deviate(if ln_expected < -30.0 { ln_expected } else { (-(-ln_expected.exp()).exp_m1()).ln() })
+    deviate(if ln_expected < -30.0 {
+        ln_expected
+    } else {
+        libm::log(-libm::expm1(-libm::exp(ln_expected)))
+    })
 }
 
 /// Normal deviate of a count of which `runs` replicates of the model had `total` together: the
@@ -80,21 +84,21 @@ pub fn count(seen: f64, total: f64, runs: f64) -> f64 {
     }
     let ln_term = |k: f64| {
         libm::lgamma(k + shape) - libm::lgamma(shape) - libm::lgamma(k + 1.0)
-            + shape * q.ln()
-            + k * p.ln()
+            + shape * libm::log(q)
+            + k * libm::log(p)
     };
     let mut below = 0.0;
     let mut k = 0.0;
     while k < seen {
-        below += ln_term(k).exp();
+        below += libm::exp(ln_term(k));
         k += 1.0;
     }
     // Half of the observed count's own chance to either side keeps the deviate centred.
-    let here = ln_term(seen).exp();
+    let here = libm::exp(ln_term(seen));
     let mut above = 0.5 * here;
     let mut k = seen + 1.0;
     loop {
-        let term = ln_term(k).exp();
+        let term = libm::exp(ln_term(k));
         above += term;
         if term < 1e-17 * above || k > seen + 4000.0 || term < 1e-300 {
             break;
@@ -102,9 +106,9 @@ pub fn count(seen: f64, total: f64, runs: f64) -> f64 {
         k += 1.0;
     }
     if above < 0.5 {
-        deviate(above.max(1e-290).ln())
+        deviate(libm::log(above.max(1e-290)))
     } else {
-        -deviate((below + 0.5 * here).clamp(1e-290, 0.5).ln())
+        -deviate(libm::log((below + 0.5 * here).clamp(1e-290, 0.5)))
     }
 }
 
@@ -120,7 +124,7 @@ pub fn fisher_upper(f: f64, a: f64, b: f64) -> f64 {
 
 /// P(N ≥ n) of a Poisson law with this mean.
 pub fn poisson_least(n: usize, mean: f64) -> f64 {
-    let mut term = (-mean).exp();
+    let mut term = libm::exp(-mean);
     let mut below = 0.0;
     for k in 0..n {
         below += term;
@@ -135,7 +139,9 @@ pub fn binomial_most(n: usize, trials: usize, p: f64) -> f64 {
         let t = trials as f64;
         libm::lgamma(t + 1.0) - libm::lgamma(k + 1.0) - libm::lgamma(t - k + 1.0)
     };
-    let term = |k: f64| (choose(k) + k * p.ln() + (trials as f64 - k) * (1.0 - p).ln()).exp();
+    let term = |k: f64| {
+        libm::exp(choose(k) + k * libm::log(p) + (trials as f64 - k) * libm::log(1.0 - p))
+    };
     (0..=n.min(trials)).map(|k| term(k as f64)).sum()
 }
 
@@ -149,8 +155,9 @@ fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - incomplete_beta(b, a, 1.0 - x);
     }
-    let front =
-        libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b) + a * x.ln() + b * (1.0 - x).ln();
+    let front = libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b)
+        + a * libm::log(x)
+        + b * libm::log(1.0 - x);
     let held = |v: f64| if v.abs() < 1e-300 { 1e-300 } else { v };
     let (mut c, mut d) = (1.0, 1.0 / held(1.0 - (a + b) * x / (a + 1.0)));
     let mut value = d;
@@ -168,7 +175,7 @@ fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
             break;
         }
     }
-    front.exp() * value / a
+    libm::exp(front) * value / a
 }
 
 #[cfg(test)]

@@ -21,6 +21,7 @@
 //! ```
 //!
 //! [`run`] then makes the pictures of a [`Shard`] into a [`Dataset`].
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod dataset;
 pub mod figures;

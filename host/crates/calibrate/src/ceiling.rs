@@ -40,7 +40,7 @@ fn level(series: &Series, cfa: &Cfa, channel: usize, stated: f64) -> Option<f64>
     let mut ended: Vec<f32> = Vec::new();
     for pair in series.exposures.windows(2) {
         let (short, long) = (&pair[0], &pair[1]);
-        let most = (long.seconds / short.seconds).powf(GROWTH);
+        let most = libm::pow(long.seconds / short.seconds, GROWTH);
         // Exposures too close together do not tell.
         if most < 1.0 + PILE {
             continue;

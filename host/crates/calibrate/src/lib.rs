@@ -31,6 +31,7 @@
 //! assert!(off < 0.1, "{off}");
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod align;
 pub mod ceiling;

@@ -23,6 +23,7 @@
 //! assert_eq!((response.len(), response[0].len()), (3, 31));
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod builtin;
 pub mod changes;

@@ -146,7 +146,7 @@ fn filtered(camera: &Camera, nm: f64, irradiance_w_m2: f64) -> Result<Irradiance
     let shape: Vec<f64> = (-2..=2)
         .map(|k| {
             let u = f64::from(k) * step / FILTER_WIDTH_NM;
-            (-4.0 * std::f64::consts::LN_2 * u * u).exp()
+            libm::exp(-4.0 * std::f64::consts::LN_2 * u * u)
         })
         .collect();
     let sum: f64 = shape.iter().sum::<f64>() * step;
@@ -205,12 +205,12 @@ fn point(camera: &Camera, x: f64, y: f64, scan: Scan, id: String) -> Point {
     // Where the middle of the region of 11 x 11 pixels comes to lie.
     let middle = |start: usize, side: f64| 2.0 * (start as f64 + 5.5) / side - 1.0;
     let (x, y) = (middle(left, width), middle(top, height));
-    let half_diagonal = 0.5e-3 * s.pitch_um * width.hypot(height);
+    let half_diagonal = 0.5e-3 * s.pitch_um * libm::hypot(width, height);
     let focal = match camera.lens.kind {
         LensKind::DiffractionLimited { focal_length_mm, .. } => focal_length_mm,
-        _ => half_diagonal / DEFAULT_CORNER_DEG.to_radians().tan(),
+        _ => half_diagonal / libm::tan(DEFAULT_CORNER_DEG.to_radians()),
     };
-    let tilt = |u: f64, side: f64| (u * 0.5e-3 * s.pitch_um * side / focal).atan().to_degrees();
+    let tilt = |u: f64, side: f64| libm::atan(u * 0.5e-3 * s.pitch_um * side / focal).to_degrees();
     let rotation = Rotation {
         x,
         y,

@@ -38,6 +38,7 @@
 //! assert_eq!(ids, ["dark", "flat-00", "flat-01"]);
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod bench;
 pub mod plan;

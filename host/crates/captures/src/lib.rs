@@ -48,6 +48,7 @@
 //! assert_eq!((frames, sum / samples), (2, 43.0));
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod draft;
 mod frames;

@@ -38,7 +38,7 @@ pub struct Blocks {
 
 /// Whether frames were coded in blocks.
 pub fn blocks(frames: &[Plane<u16>]) -> Option<Blocks> {
-    let limit = (63.0 * STEPS.2 as f64 * PLACES.len() as f64 / FALSE_ALARM).ln();
+    let limit = libm::log(63.0 * STEPS.2 as f64 * PLACES.len() as f64 / FALSE_ALARM);
     let found: Vec<(f64, f64)> = PLACES.iter().map(|p| strongest(frames, *p)).collect();
     let (strength, step_dn) = found[0];
     let elsewhere = found[1..].iter().map(|f| f.0).fold(0.0, f64::max);
@@ -54,7 +54,7 @@ fn strongest(frames: &[Plane<u16>], (top, left): (usize, usize)) -> (f64, f64) {
         return (0.0, 0.0);
     }
     let (first, last, count) = STEPS;
-    let step = |k: usize| first * (last / first).powf(k as f64 / (count as f64 - 1.0));
+    let step = |k: usize| first * libm::pow(last / first, k as f64 / (count as f64 - 1.0));
     let of = |values: &Vec<f64>| {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -73,7 +73,7 @@ fn strongest(frames: &[Plane<u16>], (top, left): (usize, usize)) -> (f64, f64) {
 fn largest(values: &[f64], steps: impl Iterator<Item = f64>) -> (f64, f64) {
     let powers = steps.map(|q| {
         let (re, im) = values.iter().fold((0.0, 0.0), |(re, im), v| {
-            let (s, c) = (TAU * v / q).sin_cos();
+            let (s, c) = libm::sincos(TAU * v / q);
             (re + c, im + s)
         });
         ((re * re + im * im) / values.len() as f64, q)
@@ -86,7 +86,7 @@ fn coefficients(frames: &[Plane<u16>], (top, left): (usize, usize)) -> Vec<Vec<f
     let basis: Vec<[f64; SIDE]> = (0..SIDE)
         .map(|k| {
             let norm = (if k == 0 { 1.0 } else { 2.0 } / SIDE as f64).sqrt();
-            std::array::from_fn(|i| norm * (PI * (2 * i + 1) as f64 * k as f64 / 16.0).cos())
+            std::array::from_fn(|i| norm * libm::cos(PI * (2 * i + 1) as f64 * k as f64 / 16.0))
         })
         .collect();
     let mut out = vec![Vec::new(); SIDE * SIDE - 1];

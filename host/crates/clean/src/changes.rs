@@ -46,7 +46,7 @@ pub fn changes(search: &Search, r: &Residuals, masked: &[(usize, usize)]) -> Vec
         return Vec::new();
     }
     let first = search.first_row * r.width;
-    let limit = tails::deviate((FALSE_EVENTS / search.samples.max(1.0)).ln());
+    let limit = tails::deviate(libm::log(FALSE_EVENTS / search.samples.max(1.0)));
     let expected = r.expected(search.dn_per_e);
     let mut out = Vec::new();
     let mut residuals = vec![0.0f32; n];
@@ -168,7 +168,7 @@ pub fn follow(
             }
         }
         let (from, z) = steepest(&pooled, kept.len() as f64);
-        if z < tails::deviate((FALSE_EVENTS / (n * scans.len()) as f64).ln()) {
+        if z < tails::deviate(libm::log(FALSE_EVENTS / (n * scans.len()) as f64)) {
             continue;
         }
         let mean = |v: &[f32]| v.iter().map(|&x| f64::from(x)).sum::<f64>() / v.len() as f64;

@@ -45,7 +45,7 @@ impl<'a> Completeness<'a> {
     /// The share of the law's events that is found in a stack.
     pub fn of_law(&self, stack: usize) -> f64 {
         let (threshold, mean) = self.law;
-        let charge = |i| threshold - mean * (1.0 - (f64::from(i) + 0.5) / CHARGES as f64).ln();
+        let charge = |i| threshold - mean * libm::log(1.0 - (f64::from(i) + 0.5) / CHARGES as f64);
         (0..CHARGES as u32).map(|i| self.found(stack, charge(i))).sum::<f64>() / CHARGES as f64
     }
 

@@ -43,7 +43,7 @@ impl Shape {
     /// The shape at a frame of a stack of `n`.
     pub fn at(self, frame: usize, n: usize) -> f64 {
         match self {
-            Shape::Decay(tau) => (-(frame as f64) / tau).exp(),
+            Shape::Decay(tau) => libm::exp(-(frame as f64) / tau),
             Shape::Line => frame as f64 / (n as f64 - 1.0).max(1.0),
         }
     }
@@ -182,7 +182,7 @@ fn fit(stacks: &[&Means], shape: Shape, of_light: bool) -> Fitted {
         if differ > MORE {
             let t = amplitude * (weight / differ).sqrt();
             let chance = tails::student_both(t, dof).max(1e-300);
-            fall = fall.min(tails::deviate((chance / 2.0).ln()).powi(2));
+            fall = fall.min(tails::deviate(libm::log(chance / 2.0)).powi(2));
         } else {
             // What stacks share, whatever single frames scatter.
             fall = fall.max(amplitude * amplitude * weight / differ.max(1.0));

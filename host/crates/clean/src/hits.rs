@@ -82,7 +82,7 @@ pub struct Search {
 impl Search {
     /// The limit, normal deviates.
     pub fn limit(&self) -> f64 {
-        tails::deviate((FALSE_EVENTS / self.samples.max(1.0)).ln())
+        tails::deviate(libm::log(FALSE_EVENTS / self.samples.max(1.0)))
     }
 
     /// Events of a band; `period` columns of the filter pattern.
@@ -104,7 +104,7 @@ impl Search {
         let above = |p: usize| {
             let v = f64::from(sd[p]).powi(2);
             let signal = (f64::from(r.median[p]) - self.black).max(0.0);
-            let skewness = self.dn_per_e * self.dn_per_e * signal / v.powf(1.5);
+            let skewness = self.dn_per_e * self.dn_per_e * signal / libm::pow(v, 1.5);
             f64::from(sd[p]) * (limit + skewness / 6.0 * (limit * limit - 1.0))
         };
         let mut seeds: Vec<(usize, usize)> = Vec::new();
@@ -223,7 +223,7 @@ impl Trimmed {
         let kept = (0..n - out)
             .map(|i| {
                 let share = (i as f64 + 0.625) / (n as f64 + 0.25);
-                tails::deviate(((1.0 - share) / 2.0).ln()).powi(2)
+                tails::deviate(libm::log((1.0 - share) / 2.0)).powi(2)
             })
             .sum();
         Self { out, kept, bound: tails::quantile_of_squares(OWN_BOUND, (n - out - 1) as f64) }

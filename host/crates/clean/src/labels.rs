@@ -207,7 +207,7 @@ fn fit(levels: &[Level], keep: &[bool], also: Also) -> Option<Fit> {
         let terms = |l: &Level| {
             let mut terms = vec![1.0];
             if exponent > 0.0 {
-                terms.push((l.x / top).powf(exponent));
+                terms.push(libm::pow(l.x / top, exponent));
             }
             match also {
                 Also::Nothing => {}
@@ -229,7 +229,7 @@ fn fit(levels: &[Level], keep: &[bool], also: Also) -> Option<Fit> {
         let b =
             Vector::from_fn(kept.len(), |r, _| ratio(&levels[kept[r]]) / error(&levels[kept[r]]));
         let Some(fit) = LeastSquares::of(&a, &b) else { continue };
-        let score = n * fit.chi2.max(0.3 * n).ln() + used * n.ln();
+        let score = n * libm::log(fit.chi2.max(0.3 * n)) + used * libm::log(n);
         if best.as_ref().is_some_and(|(least, _)| score >= *least) {
             continue;
         }

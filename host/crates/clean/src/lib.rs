@@ -33,6 +33,7 @@
 //! assert!(looked.refused().is_some());
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod band;
 mod blocks;

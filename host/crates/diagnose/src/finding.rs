@@ -110,7 +110,7 @@ impl Finding {
 
 /// A value with its standard error, to two digits of the error.
 pub fn number(e: Estimated) -> String {
-    let digits = match e.se.log10().floor() {
+    let digits = match libm::log10(e.se).floor() {
         power if power.is_finite() => (1.0 - power).clamp(0.0, 12.0) as usize,
         _ => 3,
     };

@@ -1,5 +1,6 @@
 //! The sensor stage over irradiance: cubes of spectral irradiance on the sensor grid, and the
 //! chain of `camrig-sensor-core` compiled once for the vector instructions of this machine.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod displacement;
 mod irradiance;

@@ -50,6 +50,7 @@
 //! assert_eq!(packed.len(), 10);
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod color;
 pub mod csi2;

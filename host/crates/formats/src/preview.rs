@@ -258,7 +258,7 @@ fn gamma(linear: f64) -> u8 {
     let encoded = if linear <= 0.003_130_8 {
         12.92 * linear
     } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
+        1.055 * libm::pow(linear, 1.0 / 2.4) - 0.055
     };
     (encoded * 255.0).round() as u8
 }

@@ -36,6 +36,7 @@
 //! plan.process(&mut input, &mut spectrum).expect("buffers of the planned lengths");
 //! assert!((spectrum[2].re - 4.0).abs() < 1e-12);
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod lanes;
 pub mod plans;

@@ -16,6 +16,7 @@
 //! assert!((model.index(486.1327)? - 1.5224).abs() < 1e-4);
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod agf;
 mod catalogue;

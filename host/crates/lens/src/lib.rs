@@ -68,6 +68,7 @@
 //!   √(dE/dL dM).
 //! - Optical path difference: to the chief ray, on the sphere around its image point through the
 //!   place where it meets the plane of the paraxial exit pupil.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod best_focus;
 pub mod characterise;

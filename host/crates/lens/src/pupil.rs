@@ -521,7 +521,7 @@ impl Outline {
         edges: Vec<Option<[EdgePoint; 2]>>,
         place: &dyn Fn() -> String,
     ) -> Result<Self> {
-        let radius = |point: &EdgePoint| point.launch[0].hypot(point.launch[1]);
+        let radius = |point: &EdgePoint| libm::hypot(point.launch[0], point.launch[1]);
         let wide = |[from, to]: &[EdgePoint; 2]| radius(to) - radius(from) > THINNEST * radius(to);
         match edges.iter().flatten().any(wide) {
             true => Ok(Self { extent, edges }),

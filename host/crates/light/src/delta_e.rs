@@ -4,7 +4,7 @@
 pub fn lab(xyz: [f64; 3], white: [f64; 3]) -> [f64; 3] {
     let f = |t: f64| {
         if t > (6.0f64 / 29.0).powi(3) {
-            t.cbrt()
+            libm::cbrt(t)
         } else {
             t * (29.0f64 / 6.0).powi(2) / 3.0 + 4.0 / 29.0
         }
@@ -17,13 +17,13 @@ pub fn lab(xyz: [f64; 3], white: [f64; 3]) -> [f64; 3] {
 pub fn delta_e_2000(one: [f64; 3], two: [f64; 3]) -> f64 {
     let [l1, a1, b1] = one;
     let [l2, a2, b2] = two;
-    let mean_chroma = (a1.hypot(b1) + a2.hypot(b2)) / 2.0;
+    let mean_chroma = (libm::hypot(a1, b1) + libm::hypot(a2, b2)) / 2.0;
     let weight = |c: f64| (c.powi(7) / (c.powi(7) + 25f64.powi(7))).sqrt();
     let g = 0.5 * (1.0 - weight(mean_chroma));
     let (a1, a2) = (a1 * (1.0 + g), a2 * (1.0 + g));
-    let (c1, c2) = (a1.hypot(b1), a2.hypot(b2));
+    let (c1, c2) = (libm::hypot(a1, b1), libm::hypot(a2, b2));
     let hue = |a: f64, b: f64| {
-        if a == 0.0 && b == 0.0 { 0.0 } else { b.atan2(a).to_degrees().rem_euclid(360.0) }
+        if a == 0.0 && b == 0.0 { 0.0 } else { libm::atan2(b, a).to_degrees().rem_euclid(360.0) }
     };
     let (h1, h2) = (hue(a1, b1), hue(a2, b2));
     let apart = h2 - h1;
@@ -33,7 +33,7 @@ pub fn delta_e_2000(one: [f64; 3], two: [f64; 3]) -> f64 {
         d if d < -180.0 => d + 360.0,
         d => d,
     };
-    let delta_hue = 2.0 * (c1 * c2).sqrt() * (hue_step / 2.0).to_radians().sin();
+    let delta_hue = 2.0 * (c1 * c2).sqrt() * libm::sin((hue_step / 2.0).to_radians());
     let mean_hue = match apart.abs() {
         _ if c1 * c2 == 0.0 => h1 + h2,
         d if d <= 180.0 => (h1 + h2) / 2.0,
@@ -41,16 +41,16 @@ pub fn delta_e_2000(one: [f64; 3], two: [f64; 3]) -> f64 {
         _ => (h1 + h2 - 360.0) / 2.0,
     };
     let (mean_l, mean_c) = ((l1 + l2) / 2.0, (c1 + c2) / 2.0);
-    let cos = |degrees: f64| degrees.to_radians().cos();
+    let cos = |degrees: f64| libm::cos(degrees.to_radians());
     let t = 1.0 - 0.17 * cos(mean_hue - 30.0)
         + 0.24 * cos(2.0 * mean_hue)
         + 0.32 * cos(3.0 * mean_hue + 6.0)
         - 0.20 * cos(4.0 * mean_hue - 63.0);
-    let turn = 30.0 * (-((mean_hue - 275.0) / 25.0).powi(2)).exp();
+    let turn = 30.0 * libm::exp(-((mean_hue - 275.0) / 25.0).powi(2));
     let s_l = 1.0 + 0.015 * (mean_l - 50.0).powi(2) / (20.0 + (mean_l - 50.0).powi(2)).sqrt();
     let s_c = 1.0 + 0.045 * mean_c;
     let s_h = 1.0 + 0.015 * mean_c * t;
-    let rotation = -2.0 * weight(mean_c) * (2.0 * turn).to_radians().sin();
+    let rotation = -2.0 * weight(mean_c) * libm::sin((2.0 * turn).to_radians());
     let (l, c, h) = ((l2 - l1) / s_l, (c2 - c1) / s_c, delta_hue / s_h);
     (l * l + c * c + h * h + rotation * c * h).max(0.0).sqrt()
 }

@@ -17,6 +17,7 @@
 //! assert!((luminance * std::f64::consts::PI / 300.0 - 1.0).abs() < 0.01);
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod colour;
 pub mod delta_e;

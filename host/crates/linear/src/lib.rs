@@ -13,6 +13,7 @@
 //! assert!((fit.covariance[(1, 1)] - 0.5).abs() < 1e-12);
 //! assert!(fit.chi2 < 1e-20);
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 use nalgebra::{Dyn, SVD};
 

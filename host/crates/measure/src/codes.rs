@@ -109,7 +109,7 @@ impl Codes {
 
     /// A remark where the step is more than one DN.
     pub fn note(&self) -> Option<String> {
-        let (step, bits) = (self.step_dn, self.step_dn.log2());
+        let (step, bits) = (self.step_dn, libm::log2(self.step_dn));
         (step > 1.0).then(|| {
             format!(
                 "all samples lie a multiple of {step} DN apart (left-aligned: the lowest {bits} \

@@ -50,7 +50,8 @@ fn statistics(m: &Moments, frames: Frames) -> Vec<(&'static str, Value)> {
     let patterns = s.row.value.max(0.0) / m.plane.rows as f64
         + s.column.value.max(0.0) / m.plane.columns as f64
         + s.pixel.value.max(0.0) / m.pixels();
-    let mean_error = m.mean_error().hypot(patterns.sqrt()).max((QUANTISATION / samples).sqrt());
+    let mean_error =
+        libm::hypot(m.mean_error(), patterns.sqrt()).max((QUANTISATION / samples).sqrt());
     let mut all = vec![("mean_dn", Value::new(m.mean(), mean_error))];
     let mut variance = |name, v: Value, count: f64| {
         let least = QUANTISATION * (2.0 / count).sqrt();
@@ -158,7 +159,7 @@ impl Comparison {
                     statistic,
                     first: x,
                     second: y,
-                    z: (y.value - x.value) / x.std_error.hypot(y.std_error),
+                    z: (y.value - x.value) / libm::hypot(x.std_error, y.std_error),
                 });
             }
         }

@@ -56,7 +56,7 @@ impl NoiseCorrelation {
         let variance = sums.square / (width * height);
         let coefficient = |products: f64, count: f64| {
             let rho = if variance > 0.0 { products / count / variance } else { 0.0 };
-            Value::new(rho, (count * pairs as f64).powf(-0.5))
+            Value::new(rho, libm::pow(count * pairs as f64, -0.5))
         };
         Ok(Self {
             right: coefficient(sums.right, (width - 1.0) * height),

@@ -64,7 +64,7 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
         Error::input("no unsaturated flat capture of several frames")
             .help("coupling shows in the noise of flats: add one at half saturation")
     })?;
-    let apart = |c: &&Capture| (c.exposure_s / flat.exposure_s).ln().abs();
+    let apart = |c: &&Capture| libm::log(c.exposure_s / flat.exposure_s).abs();
     let dark = set
         .with_role(Role::Dark)
         .filter(|c| c.analog_gain == flat.analog_gain)

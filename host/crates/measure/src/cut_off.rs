@@ -64,7 +64,7 @@ impl CutOff {
         let next = below_of([n0, n1, n2]);
         let fewer = next.value - lowest.checked_sub(step).map_or(0.0, at);
         let cut_off = more > SATURATED_SHARE * all
-            && more > CLEAR * here.std_error.hypot(n0.sqrt())
+            && more > CLEAR * libm::hypot(here.std_error, n0.sqrt())
             && fewer > CLEAR * next.std_error;
         cut_off.then_some(Self {
             code_dn: lowest as u16,

@@ -105,7 +105,7 @@ pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Val
         if rate.value > CLEAR_RATE * rate.std_error {
             let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
             design.push(vec![1.0, sum / group.len() as f64]);
-            logs.push(rate.value.ln());
+            logs.push(libm::log(rate.value));
             errors.push(rate.std_error / rate.value);
         }
     }

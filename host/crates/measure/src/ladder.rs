@@ -214,7 +214,7 @@ pub fn check_flats<'a>(darks: &[Level], flats: impl Iterator<Item = &'a Level>) 
             let step = codes(std::slice::from_ref(dark), std::slice::from_ref(flat)).step_dn;
             for (channel, (f, d)) in flat.channels.iter().zip(&dark.channels).enumerate() {
                 let above = d.mean() - f.mean();
-                let error = f.mean_error().hypot(d.mean_error());
+                let error = libm::hypot(f.mean_error(), d.mean_error());
                 if above > BRIGHTER * error && above > d.temporal.sqrt() + step {
                     return Err(Error::disagreement(format!(
                         "dark capture {:?} has a mean of {:.2} DN, flat capture {:?} of {:.2} DN",

@@ -52,6 +52,7 @@
 //! assert!((read.value - 3.0).abs() < 4.0 * read.std_error, "{read:?}");
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod codes;
 pub mod compare;

@@ -54,7 +54,7 @@ impl Moments {
 
     /// Temporal variance above that of a dark, DN², with its sampling error.
     pub fn above(&self, dark: &Self) -> Value {
-        let error = self.temporal_error.hypot(dark.temporal_error);
+        let error = libm::hypot(self.temporal_error, dark.temporal_error);
         Value::new(self.temporal - dark.temporal, error)
     }
 

@@ -187,7 +187,7 @@ fn place(corners: &Corners, index: usize) -> ([f64; 2], f64) {
     let at = |k: usize| {
         (1.0 - v) * ((1.0 - u) * tl[k] + u * tr[k]) + v * ((1.0 - u) * bl[k] + u * br[k])
     };
-    let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let distance = |a: &[f64; 2], b: &[f64; 2]| libm::hypot(a[0] - b[0], a[1] - b[1]);
     let pitch = (distance(tl, tr) / (COLUMNS - 1) as f64)
         .min(distance(tl, bl) / (ROWS - 1) as f64)
         .min(distance(bl, br) / (COLUMNS - 1) as f64);

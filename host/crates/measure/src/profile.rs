@@ -193,7 +193,7 @@ pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
 /// half diagonal.
 fn ring(frame: &Plane<u16>, x: usize, y: usize, rings: usize) -> (usize, f64) {
     let (cx, cy) = (0.5 * (frame.width as f64 - 1.0), 0.5 * (frame.height as f64 - 1.0));
-    let radius = (x as f64 - cx).hypot(y as f64 - cy) / cx.hypot(cy).max(1.0);
+    let radius = libm::hypot(x as f64 - cx, y as f64 - cy) / libm::hypot(cx, cy).max(1.0);
     (((radius * rings as f64) as usize).min(rings.max(1) - 1), radius)
 }
 

@@ -13,16 +13,16 @@ pub const QUANTISATION_LIMITED: f64 = 0.24;
 /// and Kollár, *Quantization Noise*, 2008, ch. 4); the second is below 1e-4 DN² for σ > 0.3 DN.
 pub fn rounding(variance: f64, mean: f64, spread: f64) -> f64 {
     use std::f64::consts::PI;
-    let fall = (-2.0 * PI * PI * (variance + spread)).exp();
-    QUANTISATION - (2.0 * PI * mean).cos() * fall * (1.0 / (PI * PI) + 4.0 * variance)
+    let fall = libm::exp(-2.0 * PI * PI * (variance + spread));
+    QUANTISATION - libm::cos(2.0 * PI * mean) * fall * (1.0 / (PI * PI) + 4.0 * variance)
 }
 
 /// d/dσ² of the variance of rounded Gaussian noise, σ² + [`rounding`]: how much of a change of
 /// the noise shows.
 pub fn sensitivity(variance: f64, mean: f64, spread: f64) -> f64 {
     use std::f64::consts::PI;
-    let fall = (-2.0 * PI * PI * (variance + spread)).exp();
-    1.0 - (2.0 * PI * mean).cos() * fall * (2.0 - 8.0 * PI * PI * variance)
+    let fall = libm::exp(-2.0 * PI * PI * (variance + spread));
+    1.0 - libm::cos(2.0 * PI * mean) * fall * (2.0 - 8.0 * PI * PI * variance)
 }
 
 /// Largest relative change by rounding to whole DN of differences of means that are much smaller
@@ -31,7 +31,7 @@ pub fn sensitivity(variance: f64, mean: f64, spread: f64) -> f64 {
 /// The mean of rounded samples is µ + Σ (−1)ᵏ/(πk) sin(2πkµ) exp(−2π²k²σ²) (Widrow and Kollár
 /// 2008, ch. 4): its slope differs from 1 by up to 2 exp(−2π²σ²).
 pub fn rounding_of_patterns(variance: f64) -> f64 {
-    2.0 * (-2.0 * std::f64::consts::PI.powi(2) * variance).exp()
+    2.0 * libm::exp(-2.0 * std::f64::consts::PI.powi(2) * variance)
 }
 
 #[cfg(test)]

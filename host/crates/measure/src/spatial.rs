@@ -126,9 +126,10 @@ impl PlaneMoments {
         let row_error = self.of_rows * (2.0 / (m * k)).sqrt();
         let column_error = self.of_columns * (2.0 / (n * k)).sqrt();
         // The row and column parts of the total have the errors of few rows and columns.
-        let total_error = pixel_error
-            .hypot(row.max(0.0) * (2.0 / (m * k)).sqrt())
-            .hypot(column.max(0.0) * (2.0 / (n * k)).sqrt());
+        let total_error = libm::hypot(
+            libm::hypot(pixel_error, row.max(0.0) * (2.0 / (m * k)).sqrt()),
+            column.max(0.0) * (2.0 / (n * k)).sqrt(),
+        );
         SpatialVariance {
             total: Value::new(total, total_error),
             row: Value::new(row, row_error),

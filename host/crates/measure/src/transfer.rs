@@ -89,7 +89,7 @@ impl Knee {
         let expected = (m.temporal / signal + short) * (2.0 / samples).sqrt();
         let of_median = MEDIAN_ERROR * of(|r| r.std_error) / (self.ratios.len() as f64).sqrt();
         ratio.value < KNEE_RATIO * straight
-            && short > BELOW_FIT * expected.max(ratio.std_error).hypot(of_median)
+            && short > BELOW_FIT * libm::hypot(expected.max(ratio.std_error), of_median)
     }
 
     /// Mean of the brightest level that did not pass, DN, `None` where all passed.
@@ -158,7 +158,7 @@ impl Transfer {
             .map(|f| {
                 let m = &f.channels[channel];
                 let d = dark.mean_at(f.exposure_s);
-                Value::new(m.mean() - d.value, m.mean_error().hypot(d.std_error))
+                Value::new(m.mean() - d.value, libm::hypot(m.mean_error(), d.std_error))
             })
             .collect();
         let mut used: Vec<bool> = flats
@@ -249,7 +249,8 @@ impl Transfer {
         let signal = level - black.value;
         let signal = self.response.map_or(signal, |r| r.linearise(signal));
         // The plateau's error is that of a mean over pixels with different full wells.
-        let error = (brightest.plane.measured / brightest.pixels()).sqrt().hypot(black.std_error);
+        let error =
+            libm::hypot((brightest.plane.measured / brightest.pixels()).sqrt(), black.std_error);
         Some(Value::new(signal, error).over(self.gain))
     }
 }

@@ -33,7 +33,7 @@ impl Value {
     #[must_use]
     pub fn over(self, other: Self) -> Self {
         let ratio = self.value / other.value;
-        let relative = (self.std_error / self.value).hypot(other.std_error / other.value);
+        let relative = libm::hypot(self.std_error / self.value, other.std_error / other.value);
         Self::new(ratio, (ratio * relative).abs())
     }
 
@@ -46,6 +46,6 @@ impl Value {
         }
         let weight: f64 = known.iter().map(|v| v.std_error.powi(-2)).sum();
         let sum: f64 = known.iter().map(|v| v.value * v.std_error.powi(-2)).sum();
-        Some(Self::new(sum / weight, weight.powf(-0.5)))
+        Some(Self::new(sum / weight, libm::pow(weight, -0.5)))
     }
 }

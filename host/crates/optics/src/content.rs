@@ -113,7 +113,8 @@ impl Content {
     fn lens(&mut self, lens: &dyn Lens, bands: &Bands, grid: &SensorGrid) {
         let (x, y) = lens.axis_mm();
         self.numbers([x, y, lens.veiling_glare()]);
-        let reach = grid.width_mm().hypot(grid.height as f64 * grid.pitch_um * 1e-3) + x.hypot(y);
+        let reach = libm::hypot(grid.width_mm(), grid.height as f64 * grid.pitch_um * 1e-3)
+            + libm::hypot(x, y);
         for nm in bands.centres() {
             self.numbers([lens.steradians(nm)]);
             let ratios = lens.illumination(nm);

@@ -76,16 +76,16 @@ pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
         return 0.0;
     }
     if waves == 0.0 {
-        return 2.0 / PI * (x.acos() - x * (1.0 - x * x).sqrt());
+        return 2.0 / PI * (libm::acos(x) - x * (1.0 - x * x).sqrt());
     }
     let rate = 8.0 * PI * waves * x;
-    let (low, high) = (x.asin(), FRAC_PI_2);
+    let (low, high) = (libm::asin(x), FRAC_PI_2);
     // Simpson's rule with at least 64 intervals; 16 per radian of phase keep its error below 1e-8.
     let intervals = 2 * (32 + (8.0 * rate * (1.0 - x)).ceil() as usize);
     let h = (high - low) / intervals as f64;
     let value = |i: usize| {
-        let (s, c) = (low + h * i as f64).sin_cos();
-        c * c * (rate * (s - x)).cos()
+        let (s, c) = libm::sincos(low + h * i as f64);
+        c * c * libm::cos(rate * (s - x))
     };
     let inner: f64 = (1..intervals).map(|i| if i % 2 == 1 { 4.0 } else { 2.0 } * value(i)).sum();
     4.0 / PI * h / 3.0 * (value(0) + inner + value(intervals))
@@ -124,12 +124,13 @@ impl Wings {
     }
 
     fn otf(&self, cycles_per_mm: f64) -> f64 {
-        self.strength * ((-self.wide * cycles_per_mm).exp() - (-self.narrow * cycles_per_mm).exp())
+        self.strength
+            * (libm::exp(-self.wide * cycles_per_mm) - libm::exp(-self.narrow * cycles_per_mm))
     }
 
     /// Frequency beyond which at most 1/[`WINGS_CUTOFF`] of the light passes, cycles/mm.
     fn cutoff_per_mm(&self) -> f64 {
-        (self.strength * WINGS_CUTOFF).ln().max(1.0) / self.narrow
+        libm::log(self.strength * WINGS_CUTOFF).max(1.0) / self.narrow
     }
 }
 

@@ -78,6 +78,7 @@
 //! # Not modelled
 //! Diffraction by the pixels, polarisation, coherence, ghosts (veiling glare is a constant share),
 //! change of the local magnification within a cell.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod bicubic;
 pub mod characterisation;

@@ -120,7 +120,7 @@ fn otf_kernel(
     let wave = |k: usize, i: usize| {
         let distance = i as f64 - (n - 1) as f64 / 2.0;
         let twice = if k == 0 { 1.0 } else { 2.0 };
-        twice / n as f64 * (TAU * (k as f64 * distance) / n as f64).cos()
+        twice / n as f64 * libm::cos(TAU * (k as f64 * distance) / n as f64)
     };
     let waves: Vec<Vec<f64>> =
         (0..=highest).map(|k| (0..n).map(|i| wave(k, i)).collect()).collect();
@@ -129,7 +129,7 @@ fn otf_kernel(
         let mut row = vec![0.0; n];
         for (kx, across) in waves.iter().enumerate() {
             let (fx, fy) = (frequency(kx), frequency(ky));
-            let transfer = otf(fx.hypot(fy)) * gain(fx) * gain(fy);
+            let transfer = otf(libm::hypot(fx, fy)) * gain(fx) * gain(fy);
             row.iter_mut().zip(across).for_each(|(sum, w)| *sum += transfer * w);
         }
         for (values, w) in values.chunks_exact_mut(n).zip(down) {

@@ -41,7 +41,7 @@ pub fn intrinsics(camera: &Camera) -> Result<Intrinsics> {
     let pixels_per_mm = 1e3 / grid.pitch_um;
     let f = lens.principal_distance_mm();
     let axis = lens.axis_mm();
-    let corner_mm = grid.corner_mm() + axis.0.hypot(axis.1);
+    let corner_mm = grid.corner_mm() + libm::hypot(axis.0, axis.1);
     let ideal: Box<dyn Fn(f64) -> f64 + '_> = match lens.ideal_place(NM) {
         None => Box::new(|real| real),
         Some(OverField::Radial(ideal)) => ideal,

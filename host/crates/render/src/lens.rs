@@ -147,7 +147,7 @@ fn departed(lens: Box<dyn Lens>, departures: Departures) -> Box<dyn Lens> {
 fn reach_mm(departures: &Departures, grid: &SensorGrid) -> f64 {
     let half = |n: usize, axis: f64| 5e-4 * n as f64 * grid.pitch_um + axis.abs();
     let (x, y) = departures.axis_mm;
-    let corner = half(grid.width, x).hypot(half(grid.height, y));
+    let corner = libm::hypot(half(grid.width, x), half(grid.height, y));
     departures.distortion.inverse()(corner)
 }
 

@@ -29,6 +29,7 @@
 //! assert!((ratio - 2.0).abs() < 0.1, "{ratio}");
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod auto_exposure;
 mod binning;

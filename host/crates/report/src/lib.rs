@@ -26,6 +26,7 @@
 //! let html = page.html();
 //! assert!(html.starts_with("<!doctype html>") && html.contains("<svg"));
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod datasheet;
 pub mod diagnosis;

@@ -23,6 +23,7 @@
 //! * [`script`]: register writes of a control loop, frame by frame;
 //! * [`serve`]: the emulator as a server, its rows in parallel; [`log`]: the log of a firmware in
 //!   words.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod client;
 pub mod emulator;

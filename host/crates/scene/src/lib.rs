@@ -36,6 +36,7 @@
 //! assert!((luminance(24)? / 318.3 - 0.04).abs() < 0.003);
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod arrays;
 pub mod chart;

@@ -98,12 +98,11 @@ fn paint_rect(min: Point, max: Point, grid: &Grid, value: f32, plane: &mut Plane
 fn paint_disc(centre: Point, radius: f64, grid: &Grid, value: f32, plane: &mut Plane<f32>) {
     // In units of cells, the disc's centre at the origin.
     let r = radius / grid.cell;
-    let left = (grid.left - centre[0]) / grid.cell;
-    let top = (grid.top - centre[1]) / grid.cell;
+    let [u, v] = [grid.left - centre[0], grid.top - centre[1]]
+        .map(|start| move |index: usize| start / grid.cell + index as f64);
     let columns =
         touched(centre[0] - radius, centre[0] + radius, grid.left, grid.cell, grid.width);
     let rows = touched(centre[1] - radius, centre[1] + radius, grid.top, grid.cell, grid.height);
-    let [u, v] = [left, top].map(|start| move |index: usize| start + index as f64);
     // Quadrants of a line of corners: each corner is that of four cells.
     let line = |y: usize| -> Vec<f64> {
         (columns.start..=columns.end).map(|x| disc_quadrant(u(x), v(y), r)).collect()

@@ -87,7 +87,7 @@ pub(crate) fn of(
 fn interacts(levels: &[Estimated], columns: usize) -> bool {
     let corner = |x: usize, y: usize| {
         let [a, b, c, d] = [0, x, y * columns, y * columns + x].map(|i| levels[i]);
-        let se = a.se.hypot(b.se).hypot(c.se).hypot(d.se);
+        let se = libm::hypot(libm::hypot(libm::hypot(a.se, b.se), c.se), d.se);
         (a.value - b.value - c.value + d.value).abs() > APART * se
     };
     let rows = levels.len() / columns;
@@ -114,7 +114,7 @@ impl Blocks {
     fn finding(&self, part: usize) -> Finding {
         let step = |map: usize| {
             let (a, b) = (self.levels[map][0], self.levels[map][part]);
-            Estimated { value: b.value - a.value, se: a.se.hypot(b.se) }
+            Estimated { value: b.value - a.value, se: libm::hypot(a.se, b.se) }
         };
         let [relative, offset, dark] = [step(0), step(1), step(2)];
         let ratio = Estimated { value: self.gain(part) / self.gain(0), se: relative.se };

@@ -106,7 +106,7 @@ impl Histogram {
             shares[self.edges.len()] += share * (1.0 - below);
         }
         let of = self.counts.iter().zip(&shares).filter(|(n, _)| **n > 0.0);
-        of.map(|(n, s)| -2.0 * n * s.max(1e-300).ln()).sum()
+        of.map(|(n, s)| -2.0 * n * libm::log(s.max(1e-300))).sum()
     }
 }
 
@@ -114,7 +114,7 @@ impl Histogram {
 fn nodes() -> Vec<(f64, f64)> {
     let step = 2.0 * REACH / (NODES - 1) as f64;
     let z = (0..NODES).map(|i| -REACH + step * i as f64);
-    let all: Vec<(f64, f64)> = z.map(|z| (z, (-z * z / 2.0).exp())).collect();
+    let all: Vec<(f64, f64)> = z.map(|z| (z, libm::exp(-z * z / 2.0))).collect();
     let sum: f64 = all.iter().map(|n| n.1).sum();
     all.into_iter().map(|(z, w)| (z, w / sum)).collect()
 }
@@ -122,16 +122,16 @@ fn nodes() -> Vec<(f64, f64)> {
 /// A log-normal law by its mean and the spread of its logarithm.
 fn log_normal(nodes: &[(f64, f64)], ln_mean: f64, spread: f64) -> Vec<(f64, f64)> {
     let middle = ln_mean - spread * spread / 2.0;
-    nodes.iter().map(|(z, w)| ((middle + spread * z).exp(), *w)).collect()
+    nodes.iter().map(|(z, w)| (libm::exp(middle + spread * z), *w)).collect()
 }
 
 /// A normal law, and a share of pixels with an exponential excess beside it.
 fn with_hot(nodes: &[(f64, f64)], [m, s, ln_share, ln_hot]: [f64; 4]) -> Vec<(f64, f64)> {
-    let share = ln_share.exp();
+    let share = libm::exp(ln_share);
     let cold = nodes.iter().map(|(z, w)| (m + s * z, w * (1.0 - share)));
     let count = NODES / 2;
-    let quantile = move |i: usize| -(1.0 - (i as f64 + 0.5) / count as f64).ln();
-    let hot = (0..count).map(move |i| (m + ln_hot.exp() * quantile(i), share / count as f64));
+    let quantile = move |i: usize| -libm::log(1.0 - (i as f64 + 0.5) / count as f64);
+    let hot = (0..count).map(move |i| (m + libm::exp(ln_hot) * quantile(i), share / count as f64));
     cold.chain(hot).collect()
 }
 
@@ -154,12 +154,12 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
     let a = Histogram::new(fit, None)?;
     let b = Histogram::new(held_out, Some(a.edges.clone()))?;
     let nodes = nodes();
-    let around = a.mean.ln();
+    let around = libm::log(a.mean);
     let of = |h: &Histogram, m: f64, s: f64| h.cost(&log_normal(&nodes, m, s));
     let (m, s) = lowest(|m, s| of(&a, m, s), [around - 0.7, around + 0.7], SPREADS);
     // The catalogue's law, two parameters at a time.
     let width = a.mean * s.min(1.0);
-    let mut rival = [a.mean, width, -4.0, a.mean.ln() + 1.0];
+    let mut rival = [a.mean, width, -4.0, libm::log(a.mean) + 1.0];
     for _ in 0..ROUNDS {
         let hot = (rival[2], rival[3]);
         let (x, y) = lowest(
@@ -175,26 +175,29 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
         rival = [x, y, p, q];
     }
     // Two parameters fewer: Schwarz's ln n for each.
-    let fewer = 2.0 * a.pixels.ln();
+    let fewer = 2.0 * libm::log(a.pixels);
     let evidence = [
         a.cost(&with_hot(&nodes, rival)) - of(&a, m, s) + fewer,
         b.cost(&with_hot(&nodes, rival)) - of(&b, m, s),
     ];
     // A normal law is the log-normal of no spread: near it nothing is told.
-    if evidence[0] < fewer - 2.0 * FALSE_ALARMS.ln() || evidence[1] < 0.0 || s < 2.0 * SPREADS[0] {
+    if evidence[0] < fewer - 2.0 * libm::log(FALSE_ALARMS)
+        || evidence[1] < 0.0
+        || s < 2.0 * SPREADS[0]
+    {
         return None;
     }
-    let mean = m.exp();
-    let ratio = ((s * s).exp() - 1.0).sqrt();
+    let mean = libm::exp(m);
+    let ratio = (libm::exp(s * s) - 1.0).sqrt();
     let spread_se = s / (2.0 * a.pixels).sqrt();
     let sd = mean * ratio;
     // d(sd)/ds at a mean that is known: mean e^(s²) s/ratio.
-    let by_spread = mean * (s * s).exp() * s / ratio;
+    let by_spread = mean * libm::exp(s * s) * s / ratio;
     let mean_se = (sd * sd + a.noise.0).sqrt() / a.pixels.sqrt();
     Some(DarkLaw {
         mean: Estimated { value: mean, se: mean_se },
         spread: Estimated { value: s, se: spread_se },
-        sd: Estimated { value: sd, se: (by_spread * spread_se).hypot(ratio * mean_se) },
+        sd: Estimated { value: sd, se: libm::hypot(by_spread * spread_se, ratio * mean_se) },
         shortest_s: fit.design.conditions[maps::reference_dark(fit.design)?].stack.exposure_s,
         evidence,
     })
@@ -231,7 +234,7 @@ impl Shape for DarkLaw {
         camera.sensor.noise.dark_current_e_per_s = 0.0;
         camera.sensor.noise.dsnu_e_per_s = 0.0;
         let spread = self.spread.value;
-        let quantile = |z: &f64| (spread * z - spread * spread / 2.0).exp();
+        let quantile = |z: &f64| libm::exp(spread * z - spread * spread / 2.0);
         let deviates: Vec<f64> = nodes().into_iter().map(|(z, _)| z).collect();
         let values = deviates.iter().map(quantile).collect();
         let law = Table::Distribution(Law { deviates, values });

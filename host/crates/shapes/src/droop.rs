@@ -113,12 +113,12 @@ fn profiles(view: &View<'_>, rows: bool) -> Vec<Profile> {
 /// The fall along a line.
 fn fall(n: usize, length: f64, from_end: bool) -> Vec<f64> {
     let at = |i: usize| if from_end { n - 1 - i } else { i };
-    (0..n).map(|i| (-(at(i) as f64) / length).exp()).collect()
+    (0..n).map(|i| libm::exp(-(at(i) as f64) / length)).collect()
 }
 
 /// Fall of χ² that chance gives: of two degrees of freedom, for both sides along rows and columns.
 fn limit() -> f64 {
-    -2.0 * (FALSE_ALARMS / 4.0).ln()
+    -2.0 * libm::log(FALSE_ALARMS / 4.0)
 }
 
 /// σ² of a length, by how much χ² falls with it, and how much of that is the pixels'; each stack
@@ -183,7 +183,7 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
     if n < 8 || longest < shortest {
         return None;
     }
-    let ratio = (longest / shortest).powf(1.0 / (TRIED - 1) as f64);
+    let ratio = libm::pow(longest / shortest, 1.0 / (TRIED - 1) as f64);
     let lengths: Vec<f64> = (0..TRIED).map(|i| shortest * ratio.powi(i as i32)).collect();
     let tried: Vec<(f64, (Estimated, f64, f64))> =
         lengths.iter().map(|&l| (l, fitted(&a, l, side.from_end))).collect();
@@ -202,7 +202,7 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
         fitted(own, length, side.from_end).0
     });
     let apart = (dark.value - light.value).abs();
-    let alike = !(apart > SEEN_AGAIN * dark.se.hypot(light.se) && apart > dark.value / 4.0);
+    let alike = !(apart > SEEN_AGAIN * libm::hypot(dark.se, light.se) && apart > dark.value / 4.0);
     // χ² is that of white noise, so its fall by one is too narrow by the ratio of all noise to
     // white noise at the start of the line.
     let white = a.iter().map(|p| p.white * n as f64).fold(f64::MAX, f64::min);

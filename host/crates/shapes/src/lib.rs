@@ -9,6 +9,7 @@
 //! What is found stands in the report with the status `proposed`. A stage of the sensor model runs
 //! it (`[[effect]] kind = "empirical"`): the improved camera has it, and is judged with it on the
 //! frames as they were measured.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 #[cfg(test)]
 mod bench;

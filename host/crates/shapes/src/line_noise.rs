@@ -114,7 +114,7 @@ struct Law {
 
 /// c₀ and c₁ of an exponent; only c₀ for none.
 fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
-    let of = |p: &Point| exponent.map_or(0.0, |e| (p.signal_e / brightest).powf(2.0 * e));
+    let of = |p: &Point| exponent.map_or(0.0, |e| libm::pow(p.signal_e / brightest, 2.0 * e));
     let mut law = Law { constant: 0.0, growing: Estimated { value: 0.0, se: f64::NAN } };
     // The errors are those of the law itself: three passes settle them.
     for pass in 0..3 {
@@ -170,7 +170,7 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
     let within: Vec<f64> = tried.iter().filter(|t| t.2 < best + 1.0).map(|t| t.0).collect();
     let spread = within.last()? - within.first()?;
     // Two parameters more: χ² of two degrees of freedom, for two axes.
-    let limit = -2.0 * (FALSE_ALARMS / 2.0).ln();
+    let limit = -2.0 * libm::log(FALSE_ALARMS / 2.0);
     let again = law(&b, brightest, Some(chosen.0));
     let evidence = [
         constant - chosen.2,
@@ -181,7 +181,7 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
         return None;
     }
     let variance = (chosen.1.growing.value + again.growing.value) / 2.0;
-    let se = chosen.1.growing.se.hypot(again.growing.se) / 2.0;
+    let se = libm::hypot(chosen.1.growing.se, again.growing.se) / 2.0;
     let sigma = variance.sqrt();
     Some(LineNoise {
         lines,
@@ -195,10 +195,10 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
 
 /// Twice the negative log-likelihood of mean squares under a law.
 fn log_likelihood(points: &[Point], brightest: f64, law: &Law, exponent: f64) -> f64 {
-    let of = |p: &Point| (p.signal_e / brightest).powf(2.0 * exponent);
+    let of = |p: &Point| libm::pow(p.signal_e / brightest, 2.0 * exponent);
     let one = |p: &Point| {
         let expected = p.white + law.constant + law.growing.value * of(p);
-        p.dof * (expected.ln() + (p.white + p.excess) / expected)
+        p.dof * (libm::log(expected) + (p.white + p.excess) / expected)
     };
     points.iter().map(one).sum()
 }

@@ -67,7 +67,7 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
     let t = &fit.stacks[own];
     let (w, h) = (t.width, t.height);
     // Two-sided, for the most of all pixels.
-    let z = tails::deviate((FALSE_ALARMS / (2.0 * a.len() as f64)).ln());
+    let z = tails::deviate(libm::log(FALSE_ALARMS / (2.0 * a.len() as f64)));
     let (least, least_again) = (z * sd_a, z / 2.0 * sd_b);
     let inner = |i: usize| (1..w - 1).contains(&(i % w)) && (1..h - 1).contains(&(i / w));
     let seen = |i: &usize| {
@@ -86,7 +86,8 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
     let stays = |i: &usize| {
         let x = f64::from(a[*i]);
         longer.iter().all(|(values, sd)| {
-            (f64::from(values[*i]) - x).abs() < GROWS.0 * x.abs() + GROWS.1 * sd.hypot(sd_a)
+            (f64::from(values[*i]) - x).abs()
+                < GROWS.0 * x.abs() + GROWS.1 * libm::hypot(*sd, sd_a)
         })
     };
     let candidates: Vec<usize> = (0..a.len()).filter(seen).collect();
@@ -105,7 +106,7 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
     let mean_e = found.iter().map(|&i| size(i).abs() - least).sum::<f64>() / count;
     let mean_e = mean_e.max(sd_a);
     let pixels = ((w - 2) * (h - 2)) as f64;
-    let fraction = count / pixels * (least / mean_e).exp();
+    let fraction = count / pixels * libm::exp(least / mean_e);
     let evidence =
         |v: &[f32], sd: f64| found.iter().map(|&i| (f64::from(v[i]) / sd).powi(2)).sum::<f64>();
     Some(Outliers {
@@ -134,10 +135,10 @@ impl Shape for Outliers {
         let low = share * self.below as f64 / self.offsets.len() as f64;
         // From the deviate beyond which pixels are off, the quantiles of an exponential law.
         let tail = |share: f64| -> Vec<(f64, f64)> {
-            let from = tails::deviate(share.max(1e-12).ln());
+            let from = tails::deviate(libm::log(share.max(1e-12)));
             let knot = |i: usize| {
                 let z = from + (FARTHEST - from) * i as f64 / (KNOTS - 1) as f64;
-                (z, share.ln() - tails::ln_upper(z))
+                (z, libm::log(share) - tails::ln_upper(z))
             };
             if share > 0.0 { (0..KNOTS).map(knot).collect() } else { Vec::new() }
         };

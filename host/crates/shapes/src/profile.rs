@@ -101,7 +101,7 @@ fn smooth(profile: &[f64], cosines: usize) -> Vec<f64> {
     let n = profile.len() as f64;
     let mut out = vec![0.0; profile.len()];
     for j in 1..=cosines {
-        let basis = |i: usize| (PI * j as f64 * (i as f64 + 0.5) / n).cos();
+        let basis = |i: usize| libm::cos(PI * j as f64 * (i as f64 + 0.5) / n);
         let amplitude =
             profile.iter().enumerate().map(|(i, v)| basis(i) * v).sum::<f64>() * 2.0 / n;
         out.iter_mut().enumerate().for_each(|(i, v)| *v += amplitude * basis(i));
@@ -127,7 +127,7 @@ fn profile(
     let b = line_means(held_out, kind, over_columns)?;
     let n = a.len() as f64;
     let (line_a, line_b) = (slope(&a), slope(&b));
-    let least = -2.0 * (FALSE_ALARMS / SEARCHED).ln();
+    let least = -2.0 * libm::log(FALSE_ALARMS / SEARCHED);
     let of = |cosines: usize| {
         let bent = smooth(&less(&a, &line_a), cosines);
         let values: Vec<f64> = line_a.iter().zip(&bent).map(|(l, c)| l + c).collect();
@@ -135,8 +135,8 @@ fn profile(
         // Schwarz's ln n for each cosine; none was fitted to the held-out frames.
         let straight = [square(&less(&a, &line_a)), square(&less(&b, &line_b))];
         let evidence = [
-            n * (straight[0] / square(&rest)).ln() - cosines as f64 * n.ln(),
-            n * (straight[1] / square(&less(&b, &values))).ln(),
+            n * libm::log(straight[0] / square(&rest)) - cosines as f64 * libm::log(n),
+            n * libm::log(straight[1] / square(&less(&b, &values))),
         ];
         let left = square(&rest) / (n - cosines as f64 - 2.0);
         let se = (left * (cosines as f64 + 1.0) / n).sqrt();

@@ -115,7 +115,7 @@ fn across(axis: Axis, fit: &View<'_>, held_out: &View<'_>) -> Option<Taps> {
         let of = all.under_law_of(seen[i].as_ref());
         for ((seam, a), b) in seams.iter_mut().zip(of.sizes(a)).zip(of.sizes(&b)) {
             let apart = (a.value - b.value).abs();
-            let again = apart < AGREES.0 * a.se.hypot(b.se)
+            let again = apart < AGREES.0 * libm::hypot(a.se, b.se)
                 && b.value * a.value.signum() > AGREES.1 * a.value.abs();
             if again && a.z().abs() > TOLD {
                 seam.steps[i] = Estimated { value: (a.value + b.value) / 2.0, se: a.se };

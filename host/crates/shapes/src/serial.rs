@@ -127,7 +127,7 @@ fn periodogram(r: f64, length: usize, bins: usize) -> Vec<f64> {
                 break;
             }
             let d = d as f64;
-            sum += 2.0 * (1.0 - d / n) * power * (TAU * k as f64 * d / n).cos();
+            sum += 2.0 * (1.0 - d / n) * power * libm::cos(TAU * k as f64 * d / n);
         }
         sum
     };
@@ -168,7 +168,7 @@ fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
         se = (one / determinant).sqrt();
         white = (y - amount * x) / one;
     }
-    let twice = |expected: f64, p: f64| 2.0 * s.bins * (expected.ln() + p / expected);
+    let twice = |expected: f64, p: f64| 2.0 * s.bins * (libm::log(expected) + p / expected);
     let gain = s
         .power
         .iter()
@@ -193,7 +193,7 @@ fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Estimated, [f64; 2])> {
     let best = (0..tried.len()).max_by(|&i, &j| gains[i].total_cmp(&gains[j]))?;
     // χ² of two degrees of freedom on two axes, and Schwarz's ln n for each of the two.
     let samples = a.iter().filter(|s| !s.flat).map(|s| s.bins * bins as f64).sum::<f64>();
-    let limit = 2.0 * (samples.ln() - (FALSE_ALARMS / 2.0).ln());
+    let limit = 2.0 * (libm::log(samples) - libm::log(FALSE_ALARMS / 2.0));
     let held = gain(b, tried[best]);
     if gains[best] < limit || held < HELD_OUT * gains[best] {
         return None;
@@ -232,7 +232,7 @@ fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estim
         let cost = spectra.iter().flat_map(|s| {
             s.power.iter().zip(&shape).map(|(p, x)| {
                 let expected = (s.white + amount.value * x).max(1e-9);
-                2.0 * s.bins * (expected.ln() + p / expected)
+                2.0 * s.bins * (libm::log(expected) + p / expected)
             })
         });
         (cost.sum::<f64>(), amount)
@@ -265,7 +265,7 @@ fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Seri
     // What grows with the light is charge or light that is shared, or frames that were processed.
     if let Some(light) = pooled([amount(&a, true), amount(&b, true)].into_iter().flatten()) {
         let more = light.value - both.value;
-        if more > GROWS.0 * light.se.hypot(both.se) && light.value > GROWS.1 * both.value {
+        if more > GROWS.0 * libm::hypot(light.se, both.se) && light.value > GROWS.1 * both.value {
             return None;
         }
     }
@@ -306,7 +306,7 @@ impl Shape for Serial {
             let ratio = ((all - more) / all.max(1e-12)).max(0.0) as f32;
             t.pixel_variance.iter_mut().for_each(|v| *v *= ratio);
             t.pixel_lag.iter_mut().for_each(|v| *v *= ratio);
-            t.pixel_third.iter_mut().for_each(|v| *v *= ratio.powf(1.5));
+            t.pixel_third.iter_mut().for_each(|v| *v *= libm::powf(ratio, 1.5));
             t.pixel_fourth.iter_mut().for_each(|v| *v *= ratio * ratio);
         }
     }
@@ -345,7 +345,7 @@ impl Shape for Serial {
         let along = if self.along_rows { Along::Rows } else { Along::Columns };
         // r^|Δ| by its first taps, exact to r⁸, or by its length.
         let (taps, length) = match r > LONG {
-            true => (None, Some(-1.0 / r.ln())),
+            true => (None, Some(-1.0 / libm::log(r))),
             false => (Some((0..4).map(|k| r.powi(k)).collect()), None),
         };
         let noise = Table::Correlation(Noise { along, taps, length });
@@ -356,7 +356,7 @@ impl Shape for Serial {
         let dark = spectra(view, self.along_rows).into_iter().find(|s| !s.flat)?;
         let n = dark.length as f64;
         let at = |lag: f64| -> f64 {
-            let of = |(k, p): (usize, &f64)| p * (TAU * (k as f64 + 1.0) * lag / n).cos();
+            let of = |(k, p): (usize, &f64)| p * libm::cos(TAU * (k as f64 + 1.0) * lag / n);
             dark.power.iter().enumerate().map(of).sum()
         };
         let whole = at(0.0);
@@ -374,7 +374,7 @@ impl Shape for Serial {
         let r = self.correlation;
         let mut parameters = vec![("correlation", r), ("sigma_e", self.amount_e)];
         let reach = if r.value > LONG {
-            let length = -1.0 / r.value.ln();
+            let length = -1.0 / libm::log(r.value);
             // dL/dr = L²/r.
             let length = Estimated { value: length, se: r.se * length * length / r.value };
             parameters

@@ -34,7 +34,7 @@ fn temperature(camera: &Camera, design: &Design) -> f64 {
 pub(crate) fn take_dark(camera: &mut Camera, design: &Design, rate: f64) -> f64 {
     let at_c = temperature(camera, design);
     let noise = &mut camera.sensor.noise;
-    let growth = ((at_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2();
+    let growth = libm::exp2((at_c - noise.temperature_ref_c) / noise.dark_doubling_c);
     let taken = rate.clamp(0.0, noise.dark_current_e_per_s * growth);
     noise.dark_current_e_per_s -= taken / growth;
     taken
@@ -105,7 +105,7 @@ pub(crate) fn fall(n: usize, length: f64, from_end: bool) -> Curve {
     const STEP: f64 = 0.125;
     const END: f64 = 8.5;
     let knots = (0..).map(|i| f64::from(i) * STEP).take_while(|u| *u < END);
-    let mut curve: Vec<(f64, f64)> = knots.map(|u| (u * length, (-u).exp())).collect();
+    let mut curve: Vec<(f64, f64)> = knots.map(|u| (u * length, libm::exp(-u))).collect();
     curve.push((END * length, 0.0));
     if from_end {
         let last = n.saturating_sub(1) as f64;

@@ -40,7 +40,7 @@ impl Basis {
             basis.add((0..n).map(|i| u(i).powi(power as i32)).collect());
         }
         for k in 1..=cosines {
-            basis.add((0..n).map(|i| (PI * k as f64 * (u(i) + 1.0) / 2.0).cos()).collect());
+            basis.add((0..n).map(|i| libm::cos(PI * k as f64 * (u(i) + 1.0) / 2.0)).collect());
         }
         basis
     }
@@ -96,7 +96,7 @@ pub(crate) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
         return None;
     }
     // Two-sided, for the best of so many lines.
-    let z = tails::deviate((FALSE_ALARMS / (2.0 * (profiles * n) as f64)).ln());
+    let z = tails::deviate(libm::log(FALSE_ALARMS / (2.0 * (profiles * n) as f64)));
     let limit = z * z;
     let smooth = SMOOTH.iter().filter(|(d, c)| LINES_PER_TERM * (d + c) < n);
     let mut best: Option<(f64, Steps)> = None;
@@ -106,7 +106,7 @@ pub(crate) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
         let mut rest = basis.apart(profile.to_vec());
         let mut at: Vec<usize> = Vec::new();
         let cost = |rest: &[f64], terms: usize| {
-            n as f64 * dot(rest, rest).max(1e-300).ln() + terms as f64 * (n as f64).ln()
+            n as f64 * libm::log(dot(rest, rest).max(1e-300)) + terms as f64 * libm::log(n as f64)
         };
         loop {
             // A step has its place and its size.
@@ -128,7 +128,7 @@ pub(crate) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
             let next = basis.apart(profile.to_vec());
             // By as many lines as what is left tells of: the step itself makes them follow.
             let ratio = dot(&rest, &rest) / dot(&next, &next).max(1e-300);
-            if independent(&next) * ratio.ln() < limit || at.len() == MOST_STEPS {
+            if independent(&next) * libm::log(ratio) < limit || at.len() == MOST_STEPS {
                 break;
             }
             at.push(j);

@@ -109,7 +109,7 @@ fn levels(view: &View<'_>) -> Option<Vec<Level>> {
             predicted,
             ratio: Estimated {
                 value: measured / signal.max(1e-9) - 1.0,
-                se: (se / signal.max(1e-9)).hypot(LIGHT),
+                se: libm::hypot(se / signal.max(1e-9), LIGHT),
             },
         });
     }
@@ -159,7 +159,7 @@ type Law = fn(&[Level], Vec<f64>) -> Option<(Estimated, f64)>;
 fn smooth(of: Law, levels: &[Level]) -> f64 {
     let top = levels.last().map_or(1.0, |l| l.signal);
     let left = |e: &f64| {
-        let x = levels.iter().map(|l| (l.signal / top).powf(*e)).collect();
+        let x = levels.iter().map(|l| libm::pow(l.signal / top, *e)).collect();
         Some(of(levels, x)?.1)
     };
     EXPONENTS.iter().filter_map(left).fold(f64::INFINITY, f64::min)
@@ -224,7 +224,7 @@ impl Tried {
     /// many.
     fn is_seen(&self, tried: usize) -> bool {
         // χ² of one degree of freedom.
-        let limit = 2.0 * self.left * (tried as f64 / FALSE_ALARMS).ln();
+        let limit = 2.0 * self.left * libm::log(tried as f64 / FALSE_ALARMS);
         let [a, b] = self.variance;
         a.z() + b.z() > SEEN_AGAIN * 2f64.sqrt()
             && a.value.min(b.value) > 0.0
@@ -369,7 +369,7 @@ impl Shape for Stitch {
             let by = |v: &mut [f32], f: f64| v.iter_mut().for_each(|x| *x *= f as f32);
             by(&mut t.pixel_variance, ratio);
             by(&mut t.pixel_lag, ratio);
-            by(&mut t.pixel_third, ratio.powf(1.5));
+            by(&mut t.pixel_third, libm::pow(ratio, 1.5));
             by(&mut t.pixel_fourth, ratio * ratio);
             t.row_power.iter_mut().chain(&mut t.column_power).for_each(|p| *p *= ratio);
             t.row_lag *= ratio;

@@ -107,7 +107,7 @@ fn strongest(
         return None;
     }
     // A bin of white pixels is exponential about its mean.
-    let limit = ((MAPS.len() * h * (w / 2 + 1)) as f64 / FALSE_ALARMS).ln();
+    let limit = libm::log((MAPS.len() * h * (w / 2 + 1)) as f64 / FALSE_ALARMS);
     let (times, place) = loop {
         let (times, place) = highest_in_plane(a)?;
         if times < limit || !is_catalogued(place[0], place[1], w, h) || !repeats(a, place) {
@@ -135,7 +135,7 @@ fn strongest(
     let amplitudes = |p| projection(p, f).map(|v| 2.0 * v / n);
     let [c, s] = amplitudes(a);
     let [held_c, held_s] = amplitudes(b);
-    let amplitude = c.hypot(s);
+    let amplitude = libm::hypot(c, s);
     // Of the held-out frames, at the phase of those to fit.
     let again = (c * held_c + s * held_s) / amplitude;
     let other = (c * held_s - s * held_c) / amplitude;
@@ -147,12 +147,12 @@ fn strongest(
     };
     let evidence = |p: &Plane<f32>, a: f64| {
         let left = rest(p, a).max(1e-30);
-        n * (1.0 + a * a / (2.0 * left)).ln()
+        n * libm::log(1.0 + a * a / (2.0 * left))
     };
     let variance = rest(a, amplitude).max(0.0);
     // The mean of both halves: their temporal noise halves, a pattern of pixels does not.
     let mean = [(c + held_c) / 2.0, (s + held_s) / 2.0];
-    let size = mean[0].hypot(mean[1]);
+    let size = libm::hypot(mean[0], mean[1]);
     // Cramér-Rao bounds of a sinusoid (Rife & Boorstyn 1974), one dimension at a time.
     let of_frequency = |side: usize| {
         let lines = (side * side) as f64 - 1.0;
@@ -165,8 +165,8 @@ fn strongest(
             Estimated { value: f[1], se: of_frequency(h) },
         ],
         amplitude: Estimated { value: size * unit, se: (2.0 * variance / n).sqrt() * unit },
-        phase: mean[0].atan2(mean[1]),
-        digits: (w.max(h) as f64).log10().ceil() as usize + 1,
+        phase: libm::atan2(mean[0], mean[1]),
+        digits: libm::log10(w.max(h) as f64).ceil() as usize + 1,
         evidence: [evidence(a, amplitude), evidence(b, again)],
     })
 }
@@ -251,7 +251,7 @@ fn without_lines(map: &Plane<f32>) -> Vec<f32> {
 /// Sums with cosine and sine at a frequency.
 fn projection(map: &Plane<f32>, [fx, fy]: [f64; 2]) -> [f64; 2] {
     let w = map.width;
-    let columns: Vec<(f64, f64)> = (0..w).map(|x| (TAU * fx * x as f64).sin_cos()).collect();
+    let columns: Vec<(f64, f64)> = (0..w).map(|x| libm::sincos(TAU * fx * x as f64)).collect();
     let (mut c, mut s) = (0.0, 0.0);
     for (y, row) in map.data.chunks(w).enumerate() {
         let (mut of_cos, mut of_sin) = (0.0, 0.0);
@@ -259,7 +259,7 @@ fn projection(map: &Plane<f32>, [fx, fy]: [f64; 2]) -> [f64; 2] {
             of_cos += f64::from(v) * cos;
             of_sin += f64::from(v) * sin;
         }
-        let (sin, cos) = (TAU * fy * y as f64).sin_cos();
+        let (sin, cos) = libm::sincos(TAU * fy * y as f64);
         c += of_cos * cos - of_sin * sin;
         s += of_sin * cos + of_cos * sin;
     }
@@ -324,7 +324,7 @@ impl Wave {
     /// Its value at a pixel.
     fn at(&self, x: usize, y: usize) -> f64 {
         let turns = self.cycles[0].value * x as f64 + self.cycles[1].value * y as f64;
-        self.amplitude.value * (TAU * turns + self.phase).sin()
+        self.amplitude.value * libm::sin(TAU * turns + self.phase)
     }
 }
 

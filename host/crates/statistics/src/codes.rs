@@ -39,8 +39,8 @@ pub(super) fn statistics(stacks: &[Temporal], summaries: &[Summary], out: &mut C
         for (t, _) in inside.iter().filter(|(_, s)| s.width * frequency >= WIDTH_FOR_WAVES) {
             for (code, &count) in t.histogram.iter().enumerate().filter(|c| *c.1 > 0) {
                 let angle = std::f64::consts::TAU * ((code as f64 * frequency) % 1.0);
-                re += f64::from(count) * angle.cos();
-                im += f64::from(count) * angle.sin();
+                re += f64::from(count) * libm::cos(angle);
+                im += f64::from(count) * libm::sin(angle);
                 n += f64::from(count);
             }
         }

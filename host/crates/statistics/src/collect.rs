@@ -24,5 +24,5 @@ impl Collected {
 /// Standard deviation of the cube root of a mean of squares with `dof` degrees of freedom, whose
 /// cube root is nearly normal (Wilson & Hilferty 1931).
 pub(super) fn spread_of_squares(value: f64, dof: f64) -> f64 {
-    value.max(0.0).cbrt() * (2.0 / (9.0 * dof)).sqrt()
+    libm::cbrt(value.max(0.0)) * (2.0 / (9.0 * dof)).sqrt()
 }

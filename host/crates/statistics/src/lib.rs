@@ -16,6 +16,7 @@
 //! // The logarithm of how often a normal deviate is above 1.96 standard deviations.
 //! assert!((tails::ln_upper(1.96) - 0.025_f64.ln()).abs() < 1e-3);
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod battery;
 pub mod codes;

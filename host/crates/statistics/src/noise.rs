@@ -75,7 +75,7 @@ impl Summary {
         let kurtosis = over(&fourth, &|v| v * v) - 3.0 * shrink;
         let mean_variance = variance.iter().sum::<f64>() / k;
         Self {
-            skewness: over(&third, &|v| v.powf(1.5)),
+            skewness: over(&third, &|v| libm::pow(v, 1.5)),
             kurtosis,
             width: half_width(&t.histogram),
             mean_variance,

@@ -238,7 +238,7 @@ fn describe_clipped(d: &mut [f32], w: usize, h: usize, clip: f32, s: &mut Spatia
         m4 += x * x * x * x;
     }
     s.pixel_variance = m2 / n;
-    s.skewness = m3 / n / s.pixel_variance.powf(1.5);
+    s.skewness = m3 / n / libm::pow(s.pixel_variance, 1.5);
     s.kurtosis = m4 / n / s.pixel_variance.powi(2) - 3.0;
     for (c, (dx, dy)) in s.correlation.iter_mut().zip([(1, 0), (0, 1), (1, 1)]) {
         *c = covariance(d, w, h, dx, dy) / s.pixel_variance;
@@ -342,7 +342,7 @@ fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
     let (nx, ny) = ((HALF_WAVES + 1).min(across), (HALF_WAVES + 1).min(down));
     let wave = |k: usize, i: usize, n: usize| {
         let scale = if k == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
-        scale * (std::f64::consts::PI * k as f64 * (i as f64 + 0.5) / n as f64).cos()
+        scale * libm::cos(std::f64::consts::PI * k as f64 * (i as f64 + 0.5) / n as f64)
     };
     let mut left: f64 = blocks.iter().map(|b| b * b).sum();
     for ky in 0..ny {

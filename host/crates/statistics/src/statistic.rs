@@ -243,8 +243,8 @@ impl Scale {
     pub fn of(self, value: f64) -> f64 {
         match self {
             Scale::Linear | Scale::Count => value,
-            Scale::Log => value.max(1e-12).ln(),
-            Scale::CubeRoot => value.max(0.0).cbrt(),
+            Scale::Log => libm::log(value.max(1e-12)),
+            Scale::CubeRoot => libm::cbrt(value.max(0.0)),
         }
     }
 }

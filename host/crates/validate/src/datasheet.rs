@@ -125,7 +125,8 @@ fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Va
         let flat = level(capture)?;
         let of = |(c, channel): (usize, &emva::ChannelEmva)| {
             let (f, d) = (&flat.channels[c], &dark.channels[c]);
-            let signal = Value::new(f.mean() - d.mean(), f.mean_error().hypot(d.mean_error()));
+            let signal =
+                Value::new(f.mean() - d.mean(), libm::hypot(f.mean_error(), d.mean_error()));
             let k = &channel.figures;
             let gain = Value::new(
                 k.linearised_system_gain.unwrap_or(k.overall_system_gain),

@@ -20,6 +20,7 @@
 //! assert!((dark_noise_e / 30.0 - 1.0).abs() < 0.1);
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod comparison;
 pub mod datasheet;

@@ -34,8 +34,8 @@ pub fn response(args: &ResponseArgs) -> Result<()> {
     );
     for r in &responses {
         let [first, last] = r.range_dn;
-        let points = (0..=200).map(|i| first * (last / first).powf(f64::from(i) / 200.0));
-        let points = points.map(|dn| [r.linear_dn(dn).log10(), dn]).collect();
+        let points = (0..=200).map(|i| first * libm::pow(last / first, f64::from(i) / 200.0));
+        let points = points.map(|dn| [libm::log10(r.linear_dn(dn)), dn]).collect();
         let name = channel_name(r.channel);
         plot.series(name, Mark::Line, Colour::of_channel(name), points);
     }

@@ -197,7 +197,7 @@ fn largest_normal(n: usize) -> f64 {
     let mut z = 3.0f64;
     for _ in 0..50 {
         let tail = (2.0 / std::f64::consts::PI).sqrt() / z * n as f64 / 0.01;
-        z = (2.0 * tail.ln()).max(1.0).sqrt();
+        z = (2.0 * libm::log(tail)).max(1.0).sqrt();
     }
     z
 }

@@ -106,7 +106,7 @@ pub fn run(args: Args) -> Result<ExitCode> {
 
 /// A value to the two leading digits of its error.
 pub fn plus_minus(v: Value) -> String {
-    let digits = if v.std_error > 0.0 { 1 - v.std_error.log10().floor() as i32 } else { 6 };
+    let digits = if v.std_error > 0.0 { 1 - libm::log10(v.std_error).floor() as i32 } else { 6 };
     let digits = digits.clamp(0, 9) as usize;
     format!("{:.digits$} ± {:.digits$}", v.value, v.std_error)
 }

@@ -67,7 +67,7 @@ impl Count {
 
 /// Dark current at a temperature over that at the reference temperature, 2^((T − T_ref)/T_d).
 pub(super) fn dark_growth(noise: &Noise, temperature_c: f64) -> f64 {
-    ((temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c).exp2()
+    libm::exp2((temperature_c - noise.temperature_ref_c) / noise.dark_doubling_c)
 }
 
 /// Number of the sensor's channels, as statistics are numbered by them.

@@ -79,7 +79,7 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
     let fraction = if present > 0.0 {
         present * (high.seen / high.expected.max(1.0))
     } else {
-        more / n * (limit * per_unit / mean).exp()
+        more / n * libm::exp(limit * per_unit / mean)
     };
     // The map was taken at the long stack's temperature. How hot pixels grow with it was not
     // looked at: the dark current's law serves.
@@ -216,7 +216,7 @@ fn doubling_shift(
     if ratio <= 0.0 {
         return None;
     }
-    let value = ratio.ln() / (std::f64::consts::LN_2 * from_ref);
+    let value = libm::log(ratio) / (std::f64::consts::LN_2 * from_ref);
     let se = d.se / scale / model / ratio / (std::f64::consts::LN_2 * from_ref.abs());
     Some(Estimated { value, se })
 }
@@ -232,8 +232,8 @@ pub fn gradient(e: &Evidence<'_>) -> Option<Proposal> {
     let long = &e.design.conditions[long_dark(e.design)?];
     let growth = dark_growth(noise, long.stack.temperature_c);
     // rate (1 + u cos θ)/2 has an amplitude of rate/(2√3) of √3 u.
-    let rate = 2.0 * 3f64.sqrt() * x.value.hypot(y.value) / growth;
-    let direction = y.value.atan2(x.value).to_degrees();
+    let rate = 2.0 * 3f64.sqrt() * libm::hypot(x.value, y.value) / growth;
+    let direction = libm::atan2(y.value, x.value).to_degrees();
     let effect = DarkCurrentGradient {
         rate_e_per_s: rate as f32,
         direction_deg: direction as f32,
@@ -244,9 +244,9 @@ pub fn gradient(e: &Evidence<'_>) -> Option<Proposal> {
     let mean = (noise.dark_current_e_per_s - rate / 2.0).max(0.0);
     let rest = with_dark_current(noise, mean, noise.dsnu_e_per_s, noise.dark_doubling_c);
     Some(
-        Proposal::new("dark-current-gradient", effect.into(), x.z().hypot(y.z()))
+        Proposal::new("dark-current-gradient", effect.into(), libm::hypot(x.z(), y.z()))
             .and(rest.into())
             .with("rate_e_per_s", rate, x.se * 2.0 * 3f64.sqrt() / growth)
-            .with("direction_deg", direction, (x.se / x.value.hypot(y.value)).to_degrees()),
+            .with("direction_deg", direction, (x.se / libm::hypot(x.value, y.value)).to_degrees()),
     )
 }

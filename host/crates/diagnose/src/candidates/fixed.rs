@@ -151,7 +151,8 @@ impl<'a> Columns<'a> {
         let left = |n: usize| {
             let own = self.phases(n);
             let squares = all.iter().enumerate().map(|(p, m)| (m - own[p % n]).powi(2));
-            squares.sum::<f64>() / self.noise(longest) + (self.means.len() as f64).ln() * n as f64
+            squares.sum::<f64>() / self.noise(longest)
+                + libm::log(self.means.len() as f64) * n as f64
         };
         PERIODS.into_iter().min_by(|&a, &b| left(a).total_cmp(&left(b)))
     }

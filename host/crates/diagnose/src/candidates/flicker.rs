@@ -87,7 +87,7 @@ impl Wave {
             let means = phase_means(&all, period);
             all.iter().enumerate().map(|(y, v)| v - means[y % period]).collect::<Vec<f64>>()
         };
-        let (sine, cosine) = (of(f64::sin), of(f64::cos));
+        let (sine, cosine) = (of(libm::sin), of(libm::cos));
         let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let products = [product(&sine, &sine), product(&cosine, &cosine), product(&sine, &cosine)];
         Self { sine, cosine, products }

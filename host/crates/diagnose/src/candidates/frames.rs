@@ -36,13 +36,13 @@ pub fn frame_offset(e: &Evidence<'_>) -> Option<Proposal> {
     let present = present(e.camera, "frame-offset-noise", "sigma_e").unwrap_or(0.0);
     let s = deviation(present, excess)?;
     let series = series(e);
-    let around = s.value.ln();
+    let around = libm::log(s.value);
     let (ln_sigma, correlation) = lowest(
-        |ln_sigma, r| series.iter().map(|s| s.deviance((2.0 * ln_sigma).exp(), r)).sum(),
+        |ln_sigma, r| series.iter().map(|s| s.deviance(libm::exp(2.0 * ln_sigma), r)).sum(),
         [around - LN_SIGMA_REACH, around + LN_SIGMA_REACH],
         CORRELATIONS,
     );
-    let sigma = ln_sigma.exp();
+    let sigma = libm::exp(ln_sigma);
     let effect = FrameOffsetNoise { sigma_e: sigma as f32, correlation: correlation as f32 };
     let stacks = 0..e.stacks.len();
     let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
@@ -93,7 +93,7 @@ impl Series {
         for y in &self.means {
             let f = p + self.white;
             let (ey, e1) = (y - start - x, 1.0 - one);
-            logs += f.ln();
+            logs += libm::log(f);
             yy += ey * ey / f;
             y1 += ey * e1 / f;
             s11 += e1 * e1 / f;
@@ -102,7 +102,7 @@ impl Series {
             one = r * (one + gain * e1);
             p = r * r * p * (1.0 - gain) + (1.0 - r * r) * variance;
         }
-        logs + yy - y1 * y1 / s11 + s11.ln()
+        logs + yy - y1 * y1 / s11 + libm::log(s11)
     }
 }
 

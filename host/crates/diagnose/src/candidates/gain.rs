@@ -47,7 +47,7 @@ pub fn prnu_correlated(e: &Evidence<'_>) -> Option<Proposal> {
     }
     let shared = Estimated { value, se: error.sqrt() };
     let more = e.difference(GAIN, What::PixelPattern)?;
-    let own = Estimated { value: more.value - shared.value, se: more.se.hypot(shared.se) };
+    let own = Estimated { value: more.value - shared.value, se: libm::hypot(more.se, shared.se) };
     let own_changes = own.z().abs() > OWN_SPREAD_CHANGES;
     let added = if own_changes { shared } else { pooled([shared, more])? };
     let present = present(e.camera, "prnu-correlated", "sigma").unwrap_or(0.0);
@@ -89,7 +89,7 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     let columns = e.difference(GAIN, What::EveryOtherColumn)?;
     let rows = e.difference(GAIN, What::EveryOtherRow)?;
     let contrast = rows.value + if first_in_even_column { columns.value } else { -columns.value };
-    let d = Estimated { value: contrast, se: rows.se.hypot(columns.se) };
+    let d = Estimated { value: contrast, se: libm::hypot(rows.se, columns.se) };
     // The effect's figure is green beside red less green beside blue.
     let red_in_even_row = (0..2).any(|x| cfa.letter(x, 0) == 'R');
     let sign = if red_in_even_row { 1.0 } else { -1.0 };

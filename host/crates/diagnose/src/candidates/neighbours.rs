@@ -84,7 +84,7 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Option<Proposal> {
 fn agreeing(noise: Estimated, means: Option<Estimated>) -> Option<Estimated> {
     means.filter(|m| {
         let apart = (m.value - noise.value).abs();
-        apart < AGREE_WITHIN * m.se.hypot(noise.se) + ROUGH * noise.value.abs()
+        apart < AGREE_WITHIN * libm::hypot(m.se, noise.se) + ROUGH * noise.value.abs()
     })
 }
 
@@ -102,9 +102,9 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
         Some(Effect::ChargeCoupling(k)) => Some((f64::from(k.side), f64::from(k.vertical))),
         _ => None,
     };
-    let mut strength = x.z().hypot(y.z());
+    let mut strength = libm::hypot(x.z(), y.z());
     let channels = Channels::new(e.camera);
-    let both = Estimated { value: (x.value + y.value) / 2.0, se: x.se.hypot(y.se) / 2.0 };
+    let both = Estimated { value: (x.value + y.value) / 2.0, se: libm::hypot(x.se, y.se) / 2.0 };
     if let Some(means) = agreeing(both, leaning(e, &|photo_e| channels.lean(photo_e))) {
         // Least squares of x, y and their mean.
         let off = (means.value - both.value) / (means.se.powi(2) + both.se.powi(2));
@@ -116,7 +116,7 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
         }
         // Means alone are no ground for it: `optical-crosstalk` moves them alike.
         if strength > LEAST_STRENGTH || present.is_some() {
-            strength = strength.hypot(means.z());
+            strength = libm::hypot(strength, means.z());
         }
     }
     let (px, py) = present.unwrap_or((0.0, 0.0));
@@ -149,7 +149,7 @@ pub fn brighter_fatter(e: &Evidence<'_>) -> Option<Proposal> {
     if let Some(means) = agreeing(found, leaning(e, &half_squares)) {
         found = pooled([found, means])?;
         if strength > LEAST_STRENGTH || present.is_some() {
-            strength = strength.hypot(means.z());
+            strength = libm::hypot(strength, means.z());
         }
     }
     let a = (present.unwrap_or(0.0) + found.value).max(0.0);
@@ -177,6 +177,6 @@ fn by_noise(e: &Evidence<'_>, channels: &Channels) -> Option<Estimated> {
         let (v, excess) = (e.variance(i)?.0, e.variance_excess(i)?);
         Some((-8.0 * pushed(i)?, Estimated { value: excess.value / v, se: excess.se / v }))
     }))?;
-    let apart = (gained.value - lost.value).abs() / gained.se.hypot(lost.se);
+    let apart = (gained.value - lost.value).abs() / libm::hypot(gained.se, lost.se);
     if apart < AGREE_WITHIN { pooled([gained, lost]) } else { Some(gained) }
 }

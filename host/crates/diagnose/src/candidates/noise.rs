@@ -131,17 +131,17 @@ pub fn read_noise_spread(e: &Evidence<'_>) -> Vec<Proposal> {
     let present = present(e.camera, "read-noise-spread", "spread").unwrap_or(0.0);
     // Var(r² e^(2sz)) = r⁴ e^(4s²) (e^(4s²) − 1).
     let now = {
-        let g = (4.0 * present * present).exp();
+        let g = libm::exp(4.0 * present * present);
         read * read * g * (g - 1.0)
     };
     let target = ((now + excess.value) / (read * read)).max(0.0);
     let g = 0.5 + (0.25 + target).sqrt();
-    let s = (g.ln() / 4.0).sqrt();
+    let s = (libm::log(g) / 4.0).sqrt();
     let se = excess.se / (read * read) / (8.0 * s.max(LEAST_SPREAD) * g * (2.0 * g - 1.0));
     let effect = ReadNoiseSpread { spread: s as f32 };
     let alone =
         Proposal::new("read-noise-spread", effect.into(), excess.z().abs()).with("spread", s, se);
-    let median = e.camera.sensor.noise.read_e * (present * present - s * s).exp();
+    let median = e.camera.sensor.noise.read_e * libm::exp(present * present - s * s);
     let both = alone.clone().and(with_read_noise(e, median)).with("read_e", median, f64::NAN);
     vec![alone, both]
 }
@@ -329,7 +329,7 @@ fn tails(e: &Evidence<'_>) -> Option<Vec<Proposal>> {
         Some(Effect::HeavyTailedReadNoise(x)) => Some((f64::from(x.sigma_e), f64::from(x.lambda))),
         _ => None,
     };
-    let read = present.map_or(normal, |p| p.0.hypot(normal));
+    let read = present.map_or(normal, |p| libm::hypot(p.0, normal));
     // Share of the variance, and excess kurtosis of all read noise.
     let share = present.map(|p| (p.0 / read).powi(2));
     let now = present.zip(share).map_or(0.0, |(p, share)| share * share * tukey_kurtosis(p.1));

@@ -260,7 +260,7 @@ impl Residual {
         let wanted = |k: &Key| matches!(k.0, Place::Target(_)) || of_falls(k.1);
         for (key, s) in e.data.iter().filter(|(k, _)| wanted(k)) {
             let Some(p) = e.model.of.get(key) else { continue };
-            let sd = p.sd.hypot(e.allowance.get(key).copied().unwrap_or(0.0)).max(LEAST_SD);
+            let sd = libm::hypot(p.sd, e.allowance.get(key).copied().unwrap_or(0.0)).max(LEAST_SD);
             out.keys.push(*key);
             out.sd.push(sd);
             z.push((p.scale.of(s.value) - p.scaled) / sd);

@@ -203,7 +203,8 @@ impl<'a> Power<'a> {
 fn wave(t: &Temporal, [fx, fy]: [f64; 2]) -> f64 {
     let turn = |f: f64| std::f64::consts::TAU * f;
     let level = t.level();
-    let columns: Vec<(f64, f64)> = (0..t.width).map(|x| turn(fx * x as f64).sin_cos()).collect();
+    let columns: Vec<(f64, f64)> =
+        (0..t.width).map(|x| libm::sincos(turn(fx * x as f64))).collect();
     let (mut re, mut im) = (0.0, 0.0);
     for (y, row) in t.mean.data.chunks(t.width).enumerate() {
         let (mut c, mut s) = (0.0, 0.0);
@@ -212,7 +213,7 @@ fn wave(t: &Temporal, [fx, fy]: [f64; 2]) -> f64 {
             c += v * cos;
             s += v * sin;
         }
-        let (sin, cos) = turn(fy * y as f64).sin_cos();
+        let (sin, cos) = libm::sincos(turn(fy * y as f64));
         re += c * cos - s * sin;
         im += c * sin + s * cos;
     }
@@ -235,14 +236,14 @@ impl Around {
     fn deviance(&self, dk: f64, dl: f64, line: f64) -> f64 {
         let of = |(x, y, power, white): &(f64, f64, f64, f64)| {
             let expected = white + line * (sinc(x - dk) * sinc(y - dl)).powi(2);
-            expected.ln() + power / expected
+            libm::log(expected) + power / expected
         };
         self.bins.iter().map(of).sum()
     }
 
     /// The likeliest power of a line there, DN².
     fn line(&self, dk: f64, dl: f64) -> f64 {
-        let line = |x: f64| self.top * x.exp();
+        let line = |x: f64| self.top * libm::exp(x);
         line(minimum(LN_POWER[0], LN_POWER[1], STEPS, |x| self.deviance(dk, dl, line(x))))
     }
 }

@@ -110,7 +110,7 @@ fn black_level_by_phase(e: &Evidence<'_>, common: BlackLevelOffset, se: f64) -> 
     let checkerboard = of(What::Checkerboard)?;
     let (r, c, x) = (rows.value, columns.value, checkerboard.value);
     let own = [r + c + x, r - c - x, c - r - x, x - r - c].map(|o| o / 2.0);
-    let se_own = rows.se.hypot(columns.se).hypot(checkerboard.se) / 2.0;
+    let se_own = libm::hypot(libm::hypot(rows.se, columns.se), checkerboard.se) / 2.0;
     let mut apart = common;
     let parts = [
         ("plane_0_dn", &mut apart.plane_0_dn),
@@ -124,7 +124,7 @@ fn black_level_by_phase(e: &Evidence<'_>, common: BlackLevelOffset, se: f64) -> 
         parameters.push((key, Estimated { value: f64::from(*part), se: se_own }));
     }
     // Columns alone are what channels of the read-out do.
-    let strength = rows.z().hypot(checkerboard.z());
+    let strength = libm::hypot(rows.z(), checkerboard.z());
     let mut p = Proposal::new("black-level-offset", apart.into(), strength);
     p.parameters = parameters;
     Some(p)
@@ -217,7 +217,7 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Option<Proposal> {
             let transfer = transfer_factor(e)?;
             let value = (1.0 + mean.value) / (1.0 + transfer.value) - 1.0;
             let ratio = gain * (1.0 + transfer.value);
-            let se = mean.se.hypot(transfer.se);
+            let se = libm::hypot(mean.se, transfer.se);
             (Estimated { value, se }, vec![SystemGain { ratio: ratio as f32 }.into()])
         }
         None => (mean, Vec::new()),
@@ -258,7 +258,11 @@ fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend>
         0.0 => y.clone(),
         norm => &y - &scale * (scale.dot(&y) / norm),
     };
-    let columns = [scale, weighted(&|x| -x.powf(n)), weighted(&|x| -l * x.powf(n) * x.ln())];
+    let columns = [
+        scale,
+        weighted(&|x| -libm::pow(x, n)),
+        weighted(&|x| -l * libm::pow(x, n) * libm::log(x)),
+    ];
     let a = Matrix::from_columns(&columns);
     let singular = Singular::of(&a);
     let least = SINGULAR * singular.largest();

@@ -74,16 +74,16 @@ pub fn row_correlated(e: &Evidence<'_>) -> Option<Proposal> {
     let present = present(e.camera, "row-correlated-noise", "sigma_e").unwrap_or(0.0);
     let s = deviation(present, excess)?;
     let spectra = spectra(e);
-    let around = s.value.ln();
+    let around = libm::log(s.value);
     let (ln_sigma, exponent) = lowest(
-        |ln_sigma, a| negative_log_likelihood(&spectra, (2.0 * ln_sigma).exp(), a),
+        |ln_sigma, a| negative_log_likelihood(&spectra, libm::exp(2.0 * ln_sigma), a),
         [around - LN_SIGMA_REACH, around + LN_SIGMA_REACH],
         EXPONENTS,
     );
     if present == 0.0 && exponent < WHITE_BELOW {
         return None;
     }
-    let sigma = ln_sigma.exp();
+    let sigma = libm::exp(ln_sigma);
     // Where the model has none, the likelihood ratio of the law says more than the variance, most
     // of which is white.
     let strength = match present {
@@ -136,13 +136,13 @@ fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
 fn negative_log_likelihood(spectra: &[RowSpectrum], variance: f64, exponent: f64) -> f64 {
     let Some(first) = spectra.first() else { return f64::INFINITY };
     let bins = first.power.len();
-    let law: Vec<f64> = (1..=bins).map(|k| (k as f64).powf(-exponent)).collect();
+    let law: Vec<f64> = (1..=bins).map(|k| libm::pow(k as f64, -exponent)).collect();
     let scale = variance * bins as f64 / law.iter().sum::<f64>();
     let mut sum = 0.0;
     for s in spectra {
         for (p, l) in s.power.iter().zip(&law) {
             let expected = s.white + scale * l;
-            sum += s.dof * (expected.ln() + p / expected);
+            sum += s.dof * (libm::log(expected) + p / expected);
         }
     }
     sum

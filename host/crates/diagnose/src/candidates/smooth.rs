@@ -60,9 +60,9 @@ pub fn low_frequency(e: &Evidence<'_>) -> Option<Proposal> {
 fn likeliest(waves: &[Wave]) -> Option<(usize, f64, f64)> {
     (1..=MAX_ORDER)
         .map(|order| {
-            let deviance = |ln_sigma: f64| deviance(waves, order, ln_sigma.exp());
-            let ln_sigma = minimum(SIGMAS[0].ln(), SIGMAS[1].ln(), STEPS, deviance);
-            (order, ln_sigma.exp(), deviance(ln_sigma))
+            let deviance = |ln_sigma: f64| deviance(waves, order, libm::exp(ln_sigma));
+            let ln_sigma = minimum(libm::log(SIGMAS[0]), libm::log(SIGMAS[1]), STEPS, deviance);
+            (order, libm::exp(ln_sigma), deviance(ln_sigma))
         })
         .min_by(|a, b| a.2.total_cmp(&b.2))
 }
@@ -78,7 +78,7 @@ fn deviance(waves: &[Wave], order: usize, sigma: f64) -> f64 {
         .map(|w| {
             let signal = if within(w) { sigma * sigma * share(w) / power * w.passed } else { 0.0 };
             let variance = w.noise + signal;
-            variance.ln() + w.amplitude * w.amplitude / variance
+            libm::log(variance) + w.amplitude * w.amplitude / variance
         })
         .sum()
 }
@@ -106,7 +106,7 @@ fn waves(e: &Evidence<'_>) -> Option<Vec<Wave>> {
             }
             let wave = |k: usize, at: f64| match k {
                 0 => 1.0,
-                k => SQRT_2 * (0.5 * PI * k as f64 * (at + 1.0)).cos(),
+                k => SQRT_2 * libm::cos(0.5 * PI * k as f64 * (at + 1.0)),
             };
             // Cosines at the centres of a grid are orthogonal, of mean square 1.
             let sum: f64 = blocks.iter().map(|b| b.mean * wave(i, b.u) * wave(j, b.v)).sum();

@@ -60,7 +60,7 @@ impl Bright {
         let kept = |q: f64| match (q - well) / width {
             // A sharp well, or far above a soft one.
             t if width == 0.0 || t > FAR_ABOVE => q.min(well),
-            t => q - width * t.exp().ln_1p(),
+            t => q - width * libm::log1p(libm::exp(t)),
         };
         let (mut loss, mut calm, mut pixels) = (0.0, 0.0, 0.0);
         for (z, weight) in normal_grid(PRNU_POINTS) {
@@ -87,7 +87,7 @@ impl Bright {
 fn normal_grid(n: i32) -> impl Iterator<Item = (f64, f64)> {
     (-n..=n).map(move |i| {
         let z = 4.0 * f64::from(i) / f64::from(n);
-        (z, (-0.5 * z * z).exp())
+        (z, libm::exp(-0.5 * z * z))
     })
 }
 
@@ -110,7 +110,7 @@ pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
 fn with_knee(flats: &[Bright], most: f64, knee: f64) -> Proposal {
     let misfit = |well: f64| chi_squared(flats, well, knee);
     // Near the charge of the brightest flat step by step, then between two of the steps.
-    let at = |i: i32| most * (f64::from(i) * CAPACITY_STEP).exp();
+    let at = |i: i32| most * libm::exp(f64::from(i) * CAPACITY_STEP);
     let best = (-CAPACITY_STEPS..=CAPACITY_STEPS)
         .map(|i| (i, misfit(at(i))))
         .min_by(|a, b| a.1.total_cmp(&b.1))

@@ -64,11 +64,11 @@ impl Evidence<'_> {
         let factor = match p.scale {
             Scale::Linear => 1.0,
             Scale::Log => p.value,
-            Scale::CubeRoot => 3.0 * p.value.max(0.0).powf(2.0 / 3.0),
+            Scale::CubeRoot => 3.0 * libm::pow(p.value.max(0.0), 2.0 / 3.0),
             Scale::Count => s.value.max(p.value).max(1.0).sqrt() / p.sd,
         };
         let allowed = self.allowance.get(&key).copied().unwrap_or(0.0);
-        Some(Estimated { value: s.value - p.value, se: p.sd.hypot(allowed) * factor })
+        Some(Estimated { value: s.value - p.value, se: libm::hypot(p.sd, allowed) * factor })
     }
 
     /// Mean of the channels' pixel variance, measured and predicted, DN².
@@ -114,7 +114,7 @@ impl Evidence<'_> {
         let z = keys.filter_map(|key| {
             let (s, p) = (self.data.get(&key)?, self.model.of.get(&key)?);
             let allowed = self.allowance.get(&key).copied().unwrap_or(0.0);
-            Some((p.scale.of(s.value) - p.scaled) / p.sd.hypot(allowed))
+            Some((p.scale.of(s.value) - p.scaled) / libm::hypot(p.sd, allowed))
         });
         let (sum, n) = z.fold((0.0, 0.0), |(sum, n), z| (sum + z, n + 1.0));
         sum / f64::max(n, 1.0).sqrt()

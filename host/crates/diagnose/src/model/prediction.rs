@@ -191,7 +191,7 @@ impl Prediction {
             sum += bounded(z);
             if let Some(p) = self.of.get(&key).filter(|p| p.scale != Scale::Count) {
                 let allowed = allowance.get(&key).copied().unwrap_or(0.0);
-                sum += (p.sd * p.sd + allowed * allowed).max(1e-30).ln();
+                sum += libm::log((p.sd * p.sd + allowed * allowed).max(1e-30));
             }
         }
         sum
@@ -217,7 +217,7 @@ fn share_that_is_real(key: &Key, scale: Scale, before: &[Values], after: &[Value
 pub fn bounded(z: f64) -> f64 {
     let square = z * z;
     let gross = GROSS_DEVIATION * GROSS_DEVIATION;
-    if square < gross { square } else { gross * (1.0 + (square / gross).ln()) }
+    if square < gross { square } else { gross * (1.0 + libm::log(square / gross)) }
 }
 
 /// Mean of squared deviations.

@@ -86,7 +86,7 @@ fn temperature(session: &Session, outcome: &Outcome) -> Option<String> {
     }
     let rate = found.parameters.iter().find(|(key, _)| *key == "mean_e_per_s")?.1.value;
     let (sensor, noise) = (&outcome.before.camera.sensor, &outcome.before.camera.sensor.noise);
-    let kelvins = noise.dark_doubling_c * (rate / noise.dark_current_e_per_s).log2();
+    let kelvins = noise.dark_doubling_c * libm::log2(rate / noise.dark_current_e_per_s);
     kelvins.is_finite().then(|| {
         format!(
             "the temperature is not given, and dark current and temperature cannot be told apart: \

@@ -254,7 +254,7 @@ impl PsfListing {
     fn side(&self) -> Option<[f64; 2]> {
         // On the axis, rounding errors of a trace are printed, in units of mm or inches.
         const AXIS: f64 = 1e-6;
-        self.image.filter(|[x, y]| x.hypot(*y) > AXIS).or(self.field)
+        self.image.filter(|&[x, y]| libm::hypot(x, y) > AXIS).or(self.field)
     }
 
     /// The listing with its field on the y axis: one on the x axis is turned, so that its rows run

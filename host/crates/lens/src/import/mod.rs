@@ -176,7 +176,7 @@ const LENS_UNITS_MM: [f64; 4] = [1.0, 10.0, 25.4, 1000.0];
 /// Checks that the image position of a listing is where the lens has the height of its entry, mm.
 pub(super) fn check_place(listing: &PsfListing, real_mm: Option<f64>) -> Result<()> {
     let (Some([x, y]), Some(real)) = (listing.image, real_mm) else { return Ok(()) };
-    let own = x.hypot(y);
+    let own = libm::hypot(x, y);
     let near = |mm: f64| (mm - real).abs() <= PLACE_TOLERANCE * real.max(1.0);
     if LENS_UNITS_MM.iter().any(|unit| near(own * unit)) {
         return Ok(());

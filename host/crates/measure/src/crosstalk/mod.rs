@@ -113,9 +113,9 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
     let mut raw: Vec<Sample> = Vec::new();
     for (capture, rotation, nm) in &captures {
         let means = signals(set, capture, rotation, &black)?;
-        let tan2 = rotation.tilt_x_deg.to_radians().tan().powi(2)
-            + rotation.tilt_y_deg.to_radians().tan().powi(2);
-        let cos = (1.0 + tan2).powf(-0.5);
+        let tan2 = libm::tan(rotation.tilt_x_deg.to_radians()).powi(2)
+            + libm::tan(rotation.tilt_y_deg.to_radians()).powi(2);
+        let cos = libm::pow(1.0 + tan2, -0.5);
         let beam = capture.light.as_ref().and_then(|l| l.irradiance_w_m2).unwrap_or(cos);
         let per_light = 1.0 / (beam * capture.exposure_s);
         raw.extend(means.iter().enumerate().map(|(channel, m)| Sample {
@@ -150,7 +150,7 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
             }
             for s in others {
                 let model = table_of.surface.anywhere(s.rotation.x, s.rotation.y);
-                let error = s.signal.std_error.hypot(table_of.surface.error(&model));
+                let error = libm::hypot(s.signal.std_error, table_of.surface.error(&model));
                 let difference = s.signal.value - model.value;
                 let found = (difference / table_of.centre.value, difference / error);
                 match scans.iter_mut().find(|(scan, _)| *scan == s.rotation.scan) {
@@ -278,7 +278,7 @@ fn same(a: f64, b: f64) -> bool {
 /// The sample nearest to the sensor's centre: of the grid, or of an axis scan where the grid has
 /// none.
 fn centre_of<'a>(grid: &[&'a Sample], others: &[&'a Sample]) -> Result<&'a Sample> {
-    let off = |s: &Sample| s.rotation.x.hypot(s.rotation.y);
+    let off = |s: &Sample| libm::hypot(s.rotation.x, s.rotation.y);
     let nearest = |samples: &[&'a Sample]| {
         let near = samples.iter().copied().filter(|s| off(s) < CENTRE);
         near.min_by(|a, b| off(a).total_cmp(&off(b)))

@@ -53,7 +53,7 @@ impl Black {
                     let m = stack.channel_moments(c);
                     Value::new(
                         m.mean(),
-                        m.mean_error().hypot((m.plane.measured / m.pixels()).sqrt()),
+                        libm::hypot(m.mean_error(), (m.plane.measured / m.pixels()).sqrt()),
                     )
                 };
                 Ok(Self::Level((0..channels).map(level).collect()))
@@ -122,7 +122,7 @@ pub fn signals(
         // The scatter of the pixels' means contains PRNU and temporal noise.
         let scatter = of.iter().map(|p| (p.0 - mean).powi(2)).sum::<f64>() / (n - 1.0);
         let temporal = of.iter().map(|p| p.1).sum::<f64>() / n;
-        Value::new(mean, (scatter.max(temporal) / n).sqrt().hypot(common[channel]))
+        Value::new(mean, libm::hypot((scatter.max(temporal) / n).sqrt(), common[channel]))
     };
     Ok((0..common.len()).map(of_channel).collect())
 }

@@ -60,7 +60,7 @@ impl Surface {
         let values: Vec<f64> = points.iter().map(|p| p.2.value).collect();
         let at = |degree: usize, departure: f64| {
             let errors: Vec<f64> =
-                points.iter().map(|p| p.2.std_error.hypot(departure.sqrt())).collect();
+                points.iter().map(|p| libm::hypot(p.2.std_error, departure.sqrt())).collect();
             Fit::new(&design(degree), &values, &errors)
         };
         // Points on few lines do not determine all terms.

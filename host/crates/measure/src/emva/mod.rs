@@ -268,11 +268,11 @@ impl<'a> Steps<'a> {
             saturation_capacity_p: saturation_p,
             saturation_capacity_e: saturation_e,
             snr_max: snr,
-            snr_max_db: 20.0 * snr.log10(),
-            snr_max_bit: snr.log2(),
+            snr_max_db: 20.0 * libm::log10(snr),
+            snr_max_bit: libm::log2(snr),
             dynamic_range: range,
-            dynamic_range_db: 20.0 * range.log10(),
-            dynamic_range_bit: range.log2(),
+            dynamic_range_db: 20.0 * libm::log10(range),
+            dynamic_range_bit: libm::log2(range),
             ..Figures::default()
         }
     }

@@ -79,7 +79,7 @@ impl SpatialPair {
 /// white level, or at a full well below it less variance than darker levels have.
 fn is_past(levels: &[&Level], level: usize, channel: usize, saturation: usize) -> bool {
     let (m, at) = (&levels[level].channels[channel], &levels[saturation].channels[channel]);
-    let error = at.temporal_error.hypot(m.temporal_error);
+    let error = libm::hypot(at.temporal_error, m.temporal_error);
     let less = at.temporal - m.temporal > LESS_VARIANCE * error;
     m.whites >= SATURATED_SHARE || (level > saturation && less)
 }
@@ -87,7 +87,7 @@ fn is_past(levels: &[&Level], level: usize, channel: usize, saturation: usize) -
 /// Index of the dark for a flat of an exposure time (s), and whether it is of that time: same
 /// exposure first, then the longest stack, then the nearest exposure.
 fn nearest_dark(darks: &[Level], exposure_s: f64) -> Option<(usize, bool)> {
-    let apart = |i: usize| (darks[i].exposure_s / exposure_s).ln().abs();
+    let apart = |i: usize| libm::log(darks[i].exposure_s / exposure_s).abs();
     let other = |i: usize| apart(i) > SAME_EXPOSURE;
     let frames = |i: usize| darks[i].channels[0].frames;
     let dark = (0..darks.len()).filter(|&i| frames(i) >= 2).min_by(|&a, &b| {
@@ -224,7 +224,8 @@ fn prnu_figures(
     let (ds, fs) = (d.spatial(), f.spatial());
     let signal = f.mean() - d.mean();
     let prnu = |v: f64| 100.0 * v.sqrt() / signal;
-    let above = |f: Value, d: Value| Value::new(f.value - d.value, f.std_error.hypot(d.std_error));
+    let above =
+        |f: Value, d: Value| Value::new(f.value - d.value, libm::hypot(f.std_error, d.std_error));
     let total = above(fs.total, ds.total);
     let parts = [(fs.row, ds.row), (fs.column, ds.column), (fs.pixel, ds.pixel)];
     let parts = parts_of(total.value, &parts.map(|(f, d)| above(f, d)));

@@ -126,7 +126,8 @@ pub(super) fn curvature_warnings(
     warnings: &mut Vec<String>,
 ) {
     let bias = k / t.gain.value - 1.0;
-    let significant = (k - t.gain.value).abs() > SIGNIFICANT * k_error.hypot(t.gain.std_error);
+    let significant =
+        (k - t.gain.value).abs() > SIGNIFICANT * libm::hypot(k_error, t.gain.std_error);
     if let Some(r) = &t.response
         && bias.abs() > BIASED
         && significant

@@ -112,7 +112,7 @@ impl EdgeLine {
             return Err(Error::input(format!(
                 "the edge is parallel to the pixel grid ({:.2} degrees; it moves by {travel:.2} \
                  pixels over the region)",
-                self.slope_at_middle().atan().to_degrees()
+                libm::atan(self.slope_at_middle()).to_degrees()
             ))
             .help("slant it by 2 to 10 degrees, or use a longer region"));
         }
@@ -143,7 +143,7 @@ fn centroid(row: &[Sample], centre: Option<f64>, step: f64) -> Option<f64> {
             continue;
         }
         let window = match centre {
-            Some(_) => 0.54 + 0.46 * (std::f64::consts::PI * u).cos(),
+            Some(_) => 0.54 + 0.46 * libm::cos(std::f64::consts::PI * u),
             None => 1.0,
         };
         let d = (pair[1].value - pair[0].value) * window;

@@ -209,7 +209,7 @@ pub fn measure_frames(
     let position = [place[0] + 0.5 - half[0], place[1] + 0.5 - half[1]];
     Ok(Edge {
         channel: channel.to_ascii_lowercase().to_string(),
-        angle_deg: first.line.slope_at_middle().atan().to_degrees(),
+        angle_deg: libm::atan(first.line.slope_at_middle()).to_degrees(),
         mtf50_cycles_per_pixel: mtf50.value,
         mtf50_std_error: mtf50.std_error,
         mtf50_frame_spread,
@@ -217,7 +217,7 @@ pub fn measure_frames(
         roi,
         direction: if first.lies_down { Direction::Vertical } else { Direction::Horizontal },
         position,
-        field: position[0].hypot(position[1]) / half[0].hypot(half[1]),
+        field: libm::hypot(position[0], position[1]) / libm::hypot(half[0], half[1]),
         mtf50_cycles_per_mm: pitch_um.map(|p| mtf50.value / (p * 1e-3)),
         mtf_at_nyquist: sfr.at(0.5),
         curve_std_error: sfr.curve.iter().map(of_curve).collect(),
@@ -337,7 +337,7 @@ pub fn response<T: Copy + Into<f64>>(
     let [dark, bright] = far_sides(&rows, &line, sfr.half);
     let difference = bright.0 - dark.0;
     let samples = rows.iter().map(Vec::len).sum::<usize>() as f64;
-    let density = rows.len() as f64 * line.slope_at_middle().hypot(1.0) / step;
+    let density = rows.len() as f64 * libm::hypot(line.slope_at_middle(), 1.0) / step;
     let noise = 0.5 * (dark.1 + bright.1) / (2.0 * density);
     let pi2 = std::f64::consts::PI.powi(2);
     let at = |&f: &f64| {
@@ -358,7 +358,8 @@ pub fn response<T: Copy + Into<f64>>(
 /// Leaves out samples that differ from the median of samples at the same distance from the edge by
 /// more than [`DEFECT`] robust standard deviations.
 fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
-    let distance = |s: &Sample| (s.across - line.at(s.along)) / line.slope(s.along).hypot(1.0);
+    let distance =
+        |s: &Sample| (s.across - line.at(s.along)) / libm::hypot(line.slope(s.along), 1.0);
     let mut sorted: Vec<(f64, f64)> =
         rows.iter().flatten().map(|s| (distance(s), s.value)).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -390,7 +391,7 @@ fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
     let mut sides = [(0.0, 0.0, 0.0); 2];
     for row in rows {
         let place = line.at(row[0].along);
-        let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+        let cos = 1.0 / libm::hypot(line.slope(row[0].along), 1.0);
         for s in row {
             let distance = (s.across - place) * cos;
             if distance.abs() > 0.5 * half {

@@ -32,7 +32,7 @@ impl Spread {
     pub fn reach(rows: &Rows, line: &EdgeLine) -> f64 {
         let mut half = f64::INFINITY;
         for row in rows {
-            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+            let cos = 1.0 / libm::hypot(line.slope(row[0].along), 1.0);
             let place = line.at(row[0].along);
             half = half.min((place - row[0].across) * cos);
             half = half.min((row[row.len() - 1].across - place) * cos);
@@ -57,7 +57,7 @@ impl Spread {
                 continue;
             }
             let place = line.at(row[0].along);
-            let cos = 1.0 / line.slope(row[0].along).hypot(1.0);
+            let cos = 1.0 / libm::hypot(line.slope(row[0].along), 1.0);
             samples.extend(row.iter().map(|s| ((s.across - place) * cos, s.value)));
         }
         samples.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -192,6 +192,6 @@ fn tukey(u: f64) -> f64 {
     if u <= flat {
         1.0
     } else {
-        0.5 * (1.0 + (std::f64::consts::PI * (u - flat) / TUKEY_ALPHA).cos())
+        0.5 * (1.0 + libm::cos(std::f64::consts::PI * (u - flat) / TUKEY_ALPHA))
     }
 }

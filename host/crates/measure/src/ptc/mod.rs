@@ -319,14 +319,15 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
             let of_rows = row.value.max(0.0) / flats.rows() as f64;
             let of_columns = column.value.max(0.0) / flats.columns() as f64;
             let of_pixels = pixel.value.max(0.0) / (flats.rows() * flats.columns()) as f64;
-            black.std_error = black.std_error.hypot((of_rows + of_columns + of_pixels).sqrt());
+            black.std_error =
+                libm::hypot(black.std_error, (of_rows + of_columns + of_pixels).sqrt());
         }
     }
     if let Some(rates) = rates {
         f.dsnu_e_per_s = root(rates).map(|v| v.scaled(1.0 / k));
         if let Some(current) = &mut f.dark_current_e_per_s {
             let population = rates.value.max(0.0) / (k * k) / flats.pixels(channel);
-            current.std_error = current.std_error.hypot(population.sqrt());
+            current.std_error = libm::hypot(current.std_error, population.sqrt());
         }
     }
     let Some((mean, gains)) = flats.spread(Line::Slope, channel) else { return };

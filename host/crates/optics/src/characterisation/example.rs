@@ -24,7 +24,7 @@ impl Characterisation {
                     for j in 0..size {
                         let y = (i as f64 - (size / 2) as f64) * spacing_um / radial;
                         let x = (j as f64 - (size / 2) as f64) * spacing_um / across;
-                        data.push((-0.5 * (x * x + y * y) - 0.3 * h * y.max(0.0)).exp() as f32);
+                        data.push(libm::exp(-0.5 * (x * x + y * y) - 0.3 * h * y.max(0.0)) as f32);
                     }
                 }
             }
@@ -52,7 +52,7 @@ impl Characterisation {
             transmittance: Spectrum::constant(0.9),
             real_height_mm: grid(&|h, w| h * (1.0 - 0.2 * h * h + 2e-5 * (w - 550.0))),
             relative_illumination: grid(&|h, _| 1.0 / (1.0 + h * h).powi(2)),
-            chief_ray_angle_deg: Some(grid(&|h, _| h.atan().to_degrees())),
+            chief_ray_angle_deg: Some(grid(&|h, _| libm::atan(h).to_degrees())),
             heights_mm,
             wavelengths_nm,
             psf,

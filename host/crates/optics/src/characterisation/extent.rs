@@ -47,7 +47,7 @@ impl Area {
     /// What of the ideal `places` of a frame lies beyond, if anything does.
     fn beyond(self, places: &[[f64; 2]]) -> Option<Beyond> {
         let outside = |&&[x, y]: &&[f64; 2]| match self {
-            Self::Disc(height) => x.hypot(y) > height,
+            Self::Disc(height) => libm::hypot(x, y) > height,
             Self::Rectangle(sides) => {
                 [x, y].iter().zip(sides).any(|(v, [low, high])| *v < low || *v > high)
             }
@@ -55,7 +55,7 @@ impl Area {
         let count = places.iter().filter(outside).count();
         let needed = match self {
             Self::Disc(_) => {
-                Self::Disc(places.iter().map(|[x, y]| x.hypot(*y)).fold(0.0, f64::max))
+                Self::Disc(places.iter().map(|&[x, y]| libm::hypot(x, y)).fold(0.0, f64::max))
             }
             Self::Rectangle(_) => Self::Rectangle([0, 1].map(|k| {
                 let along = || places.iter().map(|place| place[k]);

@@ -39,7 +39,7 @@ impl RadialTable {
 /// Greatest distance of a point of the frame, widened by `margin_mm`, from the optical axis, mm.
 pub fn largest_height_mm(grid: &SensorGrid, axis_mm: (f64, f64), margin_mm: f64) -> f64 {
     let half = |n: usize, axis: f64| n as f64 * grid.pitch_um * 0.5e-3 + axis.abs() + margin_mm;
-    half(grid.width, axis_mm.0).hypot(half(grid.height, axis_mm.1))
+    libm::hypot(half(grid.width, axis_mm.0), half(grid.height, axis_mm.1))
 }
 
 /// Functions of the place from the optical axis, sampled over the frame widened by `margin_mm`, for

@@ -415,7 +415,7 @@ impl SensorGrid {
     /// Half the frame's diagonal: the image height of the corners, mm.
     #[must_use]
     pub fn corner_mm(&self) -> f64 {
-        f64::hypot(self.width as f64, self.height as f64) * self.pitch_um * 5e-4
+        libm::hypot(self.width as f64, self.height as f64) * self.pitch_um * 5e-4
     }
 
     /// The frame's width, mm.

@@ -299,7 +299,7 @@ impl Place<'_> {
     ) -> NodeReport {
         let reach = |edge: (f64, f64)| {
             let (x, y) = self.from_axis(edge);
-            x.hypot(y)
+            libm::hypot(x, y)
         };
         let (wide, high) = (self.layout.cells_across() as f64, self.layout.cells_down() as f64);
         let corners = [(0.0, 0.0), (wide, 0.0), (0.0, high), (wide, high)];

@@ -20,7 +20,7 @@ impl OverField<'_, f64> {
     #[must_use]
     pub fn at(&self, x_mm: f64, y_mm: f64) -> f64 {
         match self {
-            Self::Radial(curve) => curve(x_mm.hypot(y_mm)),
+            Self::Radial(curve) => curve(libm::hypot(x_mm, y_mm)),
             Self::Plane(function) => function(x_mm, y_mm),
         }
     }
@@ -39,7 +39,7 @@ impl OverField<'_, (f64, f64)> {
 
 /// The place in the same direction whose distance is `curve` of this one's.
 pub fn scaled(x_mm: f64, y_mm: f64, curve: impl Fn(f64) -> f64) -> (f64, f64) {
-    let height = x_mm.hypot(y_mm);
+    let height = libm::hypot(x_mm, y_mm);
     if height == 0.0 {
         return (0.0, 0.0);
     }

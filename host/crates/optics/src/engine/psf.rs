@@ -71,7 +71,7 @@ impl PsfField {
             let mut rings = vec![0.0f64; self.size * 2];
             for (k, &v) in psf.iter().enumerate() {
                 let (i, j) = ((k / self.size) as f64 - centre, (k % self.size) as f64 - centre);
-                rings[i.hypot(j).ceil() as usize] += f64::from(v);
+                rings[libm::hypot(i, j).ceil() as usize] += f64::from(v);
             }
             let mut outside = 0.0;
             let ring = rings.iter().rposition(|light| {
@@ -98,11 +98,11 @@ impl PsfField {
             let modulus = |line: &Vec<f64>| {
                 let (mut re, mut im) = (0.0, 0.0);
                 for (i, v) in line.iter().enumerate() {
-                    let (s, c) = (step * i as f64).sin_cos();
+                    let (s, c) = libm::sincos(step * i as f64);
                     re += v * c;
                     im += v * s;
                 }
-                f64::hypot(re, im)
+                libm::hypot(re, im)
             };
             modulus(&lines[0]).max(modulus(&lines[1]))
         }
@@ -140,7 +140,7 @@ impl PsfField {
         let shift_um = (shift_mm.0 * 1e3, shift_mm.1 * 1e3);
         let sums = match &self.stations {
             Stations::Heights(heights_mm) => {
-                let height = x.hypot(y);
+                let height = libm::hypot(x, y);
                 // On the axis "radial" is down, as in the tables.
                 let radial = if height > 0.0 { (x / height, y / height) } else { UPRIGHT };
                 self.integrated(&self.at(heights_mm, height), radial, shift_um, grid)

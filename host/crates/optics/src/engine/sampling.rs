@@ -30,7 +30,8 @@ pub fn step_error(
     const POINTS: usize = 256;
     let h = pitch_um * 1e-3 / oversample as f64;
     let passed = |f: f64| (otf(f) * sinc(aperture_um * 1e-3 * f)).abs();
-    let replicas = |f: f64| h * h * (PI * PI / (PI * f * h).sin().powi(2) - 1.0 / (f * h).powi(2));
+    let replicas =
+        |f: f64| h * h * (PI * PI / libm::sin(PI * f * h).powi(2) - 1.0 / (f * h).powi(2));
     let integral = |from: f64, to: f64, term: &dyn Fn(f64) -> f64| -> f64 {
         let step = (to - from) / POINTS as f64;
         (0..POINTS).map(|i| term(from + step * (i as f64 + 0.5)) * step).sum::<f64>() / PI

@@ -309,7 +309,7 @@ impl Scale {
 pub(crate) fn is_light([r, g, b]: [u8; 3]) -> bool {
     let linear = |v: u8| match f64::from(v) / 255.0 {
         v if v <= 0.04045 => v / 12.92,
-        v => ((v + 0.055) / 1.055).powf(2.4),
+        v => libm::pow((v + 0.055) / 1.055, 2.4),
     };
     0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b) > 0.179
 }

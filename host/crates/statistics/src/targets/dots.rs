@@ -103,7 +103,8 @@ impl Grid {
     /// Distance from the centre, 1 in the frame's corner.
     fn field(&self, (column, row): (i32, i32)) -> f64 {
         let [x, y] = self.centre;
-        (f64::from(column * column + row * row)).sqrt() * self.pitch / (x + 0.5).hypot(y + 0.5)
+        (f64::from(column * column + row * row)).sqrt() * self.pitch
+            / libm::hypot(x + 0.5, y + 0.5)
     }
 
     fn ring(&self, index: (i32, i32)) -> usize {
@@ -163,7 +164,7 @@ impl Grid {
             .collect();
         let reach = REACH * self.pitch;
         let (near, far): (Vec<[f64; 3]>, Vec<[f64; 3]>) =
-            samples.iter().copied().partition(|s| s[0].hypot(s[1]) <= reach);
+            samples.iter().copied().partition(|s| libm::hypot(s[0], s[1]) <= reach);
         let n = far.len() as f64;
         if far.len() < LEAST_SAMPLES || near.len() < LEAST_SAMPLES {
             return None;
@@ -247,7 +248,7 @@ fn rings(grid: &Grid, found: &ByIndex, black: f64, channel: usize) -> Vec<Found>
 /// The part of a displacement that points away from the centre.
 fn outwards((column, row): (i32, i32), shift: [f64; 2]) -> f64 {
     let (x, y) = (f64::from(column), f64::from(row));
-    (x * shift[0] + y * shift[1]) / x.hypot(y)
+    (x * shift[0] + y * shift[1]) / libm::hypot(x, y)
 }
 
 /// What each ring shows of another channel.

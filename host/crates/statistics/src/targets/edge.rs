@@ -53,7 +53,8 @@ fn region(frame: &Plane<f32>, angle_deg: f64, horizontal: bool, part: usize) -> 
     // A clockwise rotation moves the lower end of a vertical edge to the left, and the right end
     // of a horizontal one down.
     let from_middle = (part as f64 - (PARTS / 2) as f64) * third as f64;
-    let shift = from_middle * angle_deg.to_radians().tan() * if horizontal { 1.0 } else { -1.0 };
+    let shift =
+        from_middle * libm::tan(angle_deg.to_radians()) * if horizontal { 1.0 } else { -1.0 };
     let middle = (across / 2) as f64 + shift;
     let first = (middle - half as f64 / 2.0).clamp(0.0, (across - half) as f64) as usize;
     match horizontal {

@@ -34,7 +34,7 @@ pub fn lateral_mm(lens: &dyn Lens, grid: &SensorGrid, seen_nm: &[f64]) -> f64 {
     let mut most = 0.0f64;
     for (i, a) in shifts.iter().enumerate() {
         for b in &shifts[..i] {
-            let apart = a.iter().zip(b).map(|(a, b)| (a.0 - b.0).hypot(a.1 - b.1));
+            let apart = a.iter().zip(b).map(|(a, b)| libm::hypot(a.0 - b.0, a.1 - b.1));
             most = apart.fold(most, f64::max);
         }
     }
@@ -84,7 +84,7 @@ impl<'a> Mapping<'a> {
                 dy += (a * v - c * u) / determinant;
             }
         }
-        if dx.hypot(dy) < NO_SHIFT_MM { (0.0, 0.0) } else { (dx, dy) }
+        if libm::hypot(dx, dy) < NO_SHIFT_MM { (0.0, 0.0) } else { (dx, dy) }
     }
 
     /// Light of the band over that of the mapping's band where `place` lands: eq. 7 and relative

@@ -103,7 +103,7 @@ impl Job<'_> {
         let places = places(self.grid, self.lens.axis_mm());
         let largest = |mapping: &Mapping<'_>| {
             let shifts = places.iter().map(|&place| mapping.shift_mm(place));
-            shifts.fold(0.0f64, |most, (x, y)| most.max(x.hypot(y)))
+            shifts.fold(0.0f64, |most, (x, y)| most.max(libm::hypot(x, y)))
         };
         let bands: Vec<OfBand<'_>> = fields
             .iter()

@@ -103,7 +103,7 @@ impl Transfer {
         let samples: Vec<f64> = (0..terms * terms)
             .map(|k| {
                 let (i, j) = (k / terms, k % terms);
-                gain(i) * gain(j) * otf(step * (i as f64).hypot(j as f64))
+                gain(i) * gain(j) * otf(step * libm::hypot(i as f64, j as f64))
             })
             .collect();
         Self { rows: along_x(&kernel(&samples, terms, support), x), values: None }
