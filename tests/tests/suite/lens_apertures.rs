@@ -2,7 +2,7 @@
 //! and obscurations of every shape.
 
 use camrig::Result;
-use camrig::lens::characterise::{Plan, PsfMethod, characterise};
+use camrig::lens::characterise::{Plan, PsfMethod, characterise, field_points};
 use camrig::lens::field::{self, PlanePlan};
 use camrig::lens::prescription::{Aperture, Clip, Shape};
 use camrig::lens::{Catalogue, Conditions, Prescription, System, seq, toml, zmx};
@@ -95,6 +95,38 @@ fn rectangles_and_ellipses_pass_their_solid_angle() {
 }
 
 /// What light passes behind an obstacle beside the middle cannot be told from an outline.
+/// Slits between whose corners azimuths fall: a hundred times as wide as high, 9 % of the light was
+/// lost in silence.
+#[test]
+fn slits_have_their_light_or_are_refused() {
+    for (half_height, resolved) in [(0.3, true), (0.1, true), (0.02, false), (1e-6, false)] {
+        match solid_angle(lens(&format!("  SQAP 2 {half_height} 0\n"))) {
+            Ok(found) => {
+                let expected = of_outline(rectangle([2.0, half_height], [0.0; 2]));
+                assert!(
+                    resolved && (found / expected - 1.0).abs() < 0.01,
+                    "{half_height}: {found}"
+                );
+            }
+            Err(error) => {
+                let error = error.to_string();
+                assert!(!resolved && error.contains("too narrow"), "{half_height}: {error}");
+            }
+        }
+    }
+}
+
+/// Found by fuzzing: what passes the first surface is stopped by the last. What rounding left of
+/// the pupil asked for more cells than there is memory, and gave relative illuminations of 1e15.
+#[test]
+fn a_pupil_without_light_on_the_axis_is_refused() {
+    let blocked = include_str!("../../../fuzz/seeds/zmx/sliver.zmx");
+    let lens = zmx::read(blocked, &Catalogue::default()).unwrap();
+    let system = System::new(lens, Conditions::default()).unwrap();
+    let error = field_points(&system, &[0.0, 5.0], &[550.0]).unwrap_err().to_string();
+    assert!(error.contains("no light") && error.contains("field 0.0000°"), "{error}");
+}
+
 #[test]
 fn an_obstacle_beside_the_middle_of_the_pupil_is_refused() {
     for obstacle in ["  OBSC 0 0.3 0\n  OBDC 1.5 0\n", "  SQOB 0.3 0.3 0\n  OBDC 0 1\n"] {

@@ -165,11 +165,17 @@ impl AxisTrain {
         let train = system.at(nm)?;
         let axis = Beam::aim(&train, 0.0)?;
         axis.check_rim()?;
-        let outline = axis.outline(AZIMUTHS)?;
+        let outline = outline_of(&axis)?;
         let axis_sr = outline.projected_solid_angle();
         let sensor_sr = axis.solid_angle_from_sensor(&outline);
         Ok(Self { train, axis_sr, sensor_sr })
     }
+}
+
+/// The pupil's outline, fine enough for figures.
+fn outline_of(beam: &Beam) -> Result<Outline> {
+    let place = || format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm);
+    beam.outline(AZIMUTHS)?.resolved(&place)
 }
 
 /// A beam with its outline.
@@ -183,7 +189,7 @@ struct Aimed<'a> {
 impl<'a> Aimed<'a> {
     fn new(system: &'a System, train: &'a AxisTrain, field_deg: f64) -> Result<Self> {
         let beam = Beam::aim(&train.train, field_deg)?;
-        let outline = beam.outline(AZIMUTHS)?;
+        let outline = outline_of(&beam)?;
         Ok(Self { system, train, beam, outline })
     }
 
@@ -482,7 +488,7 @@ pub fn landing_places(
     let chief = [beam.chief.position[0][0], beam.chief.position[1][0]];
     let mut places = vec![chief];
     if across > 0 {
-        let outline = beam.outline(AZIMUTHS)?;
+        let outline = outline_of(&beam)?;
         for ray in PupilSamples::trace(&beam, &outline, across).rays {
             places.push([chief[0] + ray.landing[0], chief[1] + ray.landing[1]]);
             places.push([chief[0] - ray.landing[0], chief[1] + ray.landing[1]]);

@@ -311,7 +311,7 @@ impl<'a> Beam<'a> {
         }
         // Closed: the last azimuth is the first.
         edges.push(edges[0]);
-        Outline::new(Extent::Whole, edges, &here)
+        Outline::new(Extent::Whole, edges, &here)?.resolved(&here)
     }
 
     /// Root-mean-square distance of the rays from their centroid, mm: rays at even steps between

@@ -35,10 +35,6 @@ pub struct Sample {
     pub amplitude: f64,
 }
 
-/// Width over height from which on cells are wider than the outline's height asks for, so that what
-/// vignetting leaves, a few per cent of a round pupil or less, takes bounded memory.
-const FLATTEST: f64 = 16.0;
-
 /// The traced rays, one entry per node of the grid.
 struct Nodes {
     columns: usize,
@@ -52,12 +48,14 @@ struct Nodes {
 }
 
 impl PupilSamples {
-    /// Traces a grid with `across` square cells over the pupil's extent in y, or over more where
-    /// that is less than a sixteenth of its extent in x.
+    /// Traces a grid with `across` square cells over the pupil's extent in y. An outline that is
+    /// resolved is at least a hundredth as high as wide, which bounds the grid.
     #[must_use]
     pub fn trace(beam: &impl Bundle, outline: &Outline, across: usize) -> Self {
+        let ([low, high], widest) = outline.bounds();
         let left = outline.left();
-        let (low, cell, inner_columns) = grid(outline, across);
+        let cell = (high - low) / across as f64;
+        let inner_columns = (((widest - left) / cell).ceil() as usize).max(1);
         let coverage = coverage(outline, [inner_columns, across], [left, low], cell);
         // One node more on every side but the mirror's, for differences across cell borders.
         let before = match outline.extent {
@@ -191,15 +189,6 @@ impl Nodes {
     }
 }
 
-/// The least launch y, the side of a cell, and the columns of a grid over the outline with `across`
-/// rows.
-fn grid(outline: &Outline, across: usize) -> (f64, f64, usize) {
-    let ([low, high], widest) = outline.bounds();
-    let width = widest - outline.left();
-    let cell = (high - low).max(width / FLATTEST) / across as f64;
-    (low, cell, ((width / cell).ceil() as usize).max(1))
-}
-
 /// The share of every cell inside the outline: exact areas of the polygon through its points.
 fn coverage(
     outline: &Outline,
@@ -325,14 +314,5 @@ mod tests {
             assert!((area - exact).abs() < 1e-9, "{area} instead of {exact}");
             assert!(shares.iter().all(|v| (0.0..=1.0).contains(v)));
         }
-    }
-    /// A sliver, a million times as wide as high, takes no more cells than sixteen squares.
-    #[test]
-    fn slivers_take_bounded_memory() {
-        let at =
-            |x: f64, y: f64| EdgePoint { launch: [x, y], direction: [0.0; 2], landing: [0.0; 2] };
-        let edges = vec![Some([at(0.0, 0.0), at(1.0, 0.0)]), Some([at(0.0, 1e-6), at(1.0, 1e-6)])];
-        let (_, _, columns) = grid(&Outline { extent: Extent::MirrorHalf, edges }, 128);
-        assert_eq!(columns, 16 * 128);
     }
 }
