@@ -94,7 +94,6 @@ fn rectangles_and_ellipses_pass_their_solid_angle() {
     }
 }
 
-/// What light passes behind an obstacle beside the middle cannot be told from an outline.
 /// Slits between whose corners azimuths fall: a hundred times as wide as high, 9 % of the light was
 /// lost in silence.
 #[test]
@@ -127,6 +126,7 @@ fn a_pupil_without_light_on_the_axis_is_refused() {
     assert!(error.contains("no light") && error.contains("field 0.0000°"), "{error}");
 }
 
+/// What light passes behind an obstacle beside the middle cannot be told from an outline.
 #[test]
 fn an_obstacle_beside_the_middle_of_the_pupil_is_refused() {
     for obstacle in ["  OBSC 0 0.3 0\n  OBDC 1.5 0\n", "  SQOB 0.3 0.3 0\n  OBDC 0 1\n"] {

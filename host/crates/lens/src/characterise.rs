@@ -174,8 +174,7 @@ impl AxisTrain {
 
 /// The pupil's outline, fine enough for figures.
 fn outline_of(beam: &Beam) -> Result<Outline> {
-    let place = || format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm);
-    beam.outline(AZIMUTHS)?.resolved(&place)
+    beam.outline(AZIMUTHS)?.resolved(&|| beam.place())
 }
 
 /// A beam with its outline.
@@ -221,8 +220,7 @@ impl<'a> Aimed<'a> {
     }
 
     fn psf(&self, window: &Window, method: PsfMethod) -> Result<Psf> {
-        let place = || format!("field {:.4}°, {} nm", self.beam.field_deg, self.beam.train.nm);
-        traced_psf(&self.beam, &self.outline, window, method, &place)
+        traced_psf(&self.beam, &self.outline, window, method, &|| self.beam.place())
     }
 }
 

@@ -321,6 +321,11 @@ impl<'a> Beam<'a> {
         ray.passes(0).then_some(places)
     }
 
+    /// Field and wavelength, for errors.
+    pub(super) fn place(&self) -> String {
+        format!("field {:.4}°, {} nm", self.field_deg, self.train.nm)
+    }
+
     /// The outline of the pupil along `azimuths` directions (at least 8, and a multiple of
     /// [`LANES`]).
     ///
@@ -495,7 +500,7 @@ impl Outline {
         let count = azimuths.max(8).next_multiple_of(LANES);
         let centre = beam.trace(&[[0.0; 2]; LANES]);
         let middle = EdgePoint::of(&centre, 0, [0.0; 2]);
-        let place = || format!("field {:.4}°, {} nm", beam.field_deg, beam.train.nm);
+        let place = || beam.place();
         check_obstacles(beam.train, centre.excess[0] <= 0.0, &place)?;
         let mut edges = Vec::with_capacity(count);
         for block in 0..count / LANES {
@@ -588,8 +593,8 @@ impl Outline {
 /// Least width of a pupil with light, over the distance of its edge from the chief ray: edges are
 /// found to 1e-12 of it.
 const THINNEST: f64 = 1e-9;
-/// Share of a pupil's area that may hang on single azimuths, and would be lost without them. Corners
-/// that fall between azimuths cut off a quarter of it at most: 1 %, of a slit of 1:27.
+/// Share of a pupil's area that may hang on single azimuths, and would be lost without them.
+/// Corners that fall between azimuths cut off a quarter of it at most: 1 %, of a slit of 1:27.
 const CORNERS: f64 = 0.04;
 
 /// Signed area of the quadrangle between the edges at two azimuths, in the coordinates `of`.
