@@ -87,16 +87,17 @@ fn demosaiced<T: Copy + Default + Send>(
         .map(|i| to_srgb.signal(frame, i % frame.width, i / frame.width))
         .collect();
     // Distance within which every pixel has neighbours of every channel.
-    let reach = (frame.cfa.width.max(frame.cfa.height) / 2).max(1);
+    let (columns, rows) = (frame.cfa.width, frame.cfa.height);
+    let reach = (columns.max(rows) / 2).max(1);
     let mut picture = Plane::filled(frame.width, frame.height, [T::default(); 3]);
     picture.data.par_chunks_mut(frame.width).enumerate().for_each(|(y, row)| {
-        let rows = y.saturating_sub(reach)..(y + reach + 1).min(frame.height);
         for (x, pixel) in row.iter_mut().enumerate() {
-            let columns = x.saturating_sub(reach)..(x + reach + 1).min(frame.width);
             let mut mean = Mean::default();
-            for v in rows.clone() {
-                for u in columns.clone() {
-                    let weight = (reach + 1 - u.abs_diff(x)) * (reach + 1 - v.abs_diff(y));
+            for j in 0..=2 * reach {
+                let v = continued(y + j, reach, rows, frame.height);
+                for i in 0..=2 * reach {
+                    let u = continued(x + i, reach, columns, frame.width);
+                    let weight = (reach + 1 - i.abs_diff(reach)) * (reach + 1 - j.abs_diff(reach));
                     mean.add(to_srgb.channel(u, v), weight as f32, signal[v * frame.width + u]);
                 }
             }
@@ -104,6 +105,17 @@ fn demosaiced<T: Copy + Default + Send>(
         }
     });
     picture
+}
+
+/// The sample that is read at `place - before` along an axis of `size` samples. Beyond an edge it is
+/// the one a period of the pattern further in, which has the same filter.
+fn continued(place: usize, before: usize, period: usize, size: usize) -> usize {
+    let inside = match place.checked_sub(before) {
+        None => (place + period).saturating_sub(before),
+        Some(k) if k >= size => k.saturating_sub(period),
+        Some(k) => k,
+    };
+    inside.min(size - 1)
 }
 
 /// The frame averaged over squares of whole pattern cells, 8-bit sRGB, no side longer than
@@ -274,6 +286,18 @@ mod tests {
         let data = (0..16 * 12).map(at).collect();
         let (width, height, bits) = (16, 12, 12);
         RawFrame { width, height, bits, cfa, black_level_dn: 64.0, white_level_dn: 4064, data }
+    }
+
+    /// At the edges every channel is made of its own filter: of a picture in which each filter has one
+    /// signal, every pixel is that colour.
+    #[test]
+    fn edges_are_made_of_their_own_filters() {
+        for cfa in ["GRBG", "RRGG/RRGG/GGBB/GGBB", "RGB"] {
+            let raw = frame(cfa, |_, _, channel| 64.0 + 1000.0 * (channel + 1) as f64);
+            let picture = render(&raw, &DngInfo::default());
+            let expected = [1.0, 2.0, 3.0].map(|v| gamma(v / 4.0));
+            assert!(picture.data.iter().all(|p| *p == expected), "{cfa}: {:?}", picture.data);
+        }
     }
 
     /// A grey of half the range in camera colour is sRGB 188 in every channel (0.5 encodes to

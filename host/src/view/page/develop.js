@@ -49,14 +49,14 @@ const reachOf = frame => Math.max(1, Math.max(frame.columns, frame.rows) >> 1);
 
 let signals = new Float32Array(0);
 
-/** White-balanced signals of a rectangle with a border, mirrored at the frame's edges. */
+/** White-balanced signals of a rectangle with a border; beyond the frame's edges the pattern's last period goes on. */
 function signalsOf(frame, rect, border) {
   const stride = rect.width + 2 * border, rows = rect.height + 2 * border;
   if (signals.length < stride * rows) signals = new Float32Array(stride * rows);
-  const mirror = (k, n) => { const m = k < 0 ? -k : k >= n ? 2 * n - 2 - k : k; return Math.min(Math.max(m, 0), n - 1); };
-  const columns = Int32Array.from({ length: stride }, (_, i) => mirror(rect.x + i - border, frame.width));
+  const continued = (k, period, n) => Math.max(0, Math.min(k < 0 ? k + period : k >= n ? k - period : k, n - 1));
+  const columns = Int32Array.from({ length: stride }, (_, i) => continued(rect.x + i - border, frame.columns, frame.width));
   for (let j = 0, out = 0; j < rows; j++) {
-    const y = mirror(rect.y + j - border, frame.height), base = y * frame.width, cells = (y % frame.rows) * frame.columns;
+    const y = continued(rect.y + j - border, frame.rows, frame.height), base = y * frame.width, cells = (y % frame.rows) * frame.columns;
     for (let i = 0; i < stride; i++, out++) {
       const x = columns[i], cell = cells + x % frame.columns;
       const v = (frame.samples[base + x] - frame.black_dn[cell]) * frame.scale_per_dn[cell];
