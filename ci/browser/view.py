@@ -18,6 +18,7 @@ from playwright.sync_api import sync_playwright
 from pages import CHECKS, of_console
 
 SMALL = ["--set", "sensor.width=188", "--set", "sensor.height=120"]
+QUAD = ["--set", "sensor.cfa=RRGG/RRGG/GGBB/GGBB"]
 LOOK = ["--camera", "mt9v024", "--scene", "colorchecker"]
 HOSTILE = """<!doctype html><title>hostile</title><script>
 window.done = (async () => {
@@ -423,6 +424,12 @@ def main(chromium, folder, camrig):
             console.view.screenshot(path=f"{folder}/view-used.png", full_page=True)
             console.view.close()
             wrong = console.wrong + hostile(browser, url)
+        with running([camrig, "rig", "view", "emulator:", *LOOK, *SMALL, *QUAD], cwd=work) as (_, url):
+            console = Console(browser, url)
+            console.until("picture.frame && state.frames > 5")
+            developed(console, camrig, work)
+            console.view.close()
+            wrong += console.wrong
         with running([camrig, "rig", "view", "emulator:", *LOOK, "--exposure", "30ms"]) as (_, url):
             wrong += looks(browser, url, folder)
         wrong += unplugged(browser, camrig)
