@@ -87,16 +87,15 @@ fn demosaiced<T: Copy + Default + Send>(
         .map(|i| to_srgb.signal(frame, i % frame.width, i / frame.width))
         .collect();
     // Distance within which every pixel has neighbours of every channel.
-    let (columns, rows) = (frame.cfa.width, frame.cfa.height);
-    let reach = (columns.max(rows) / 2).max(1);
+    let reach = (frame.cfa.width.max(frame.cfa.height) / 2).max(1);
+    let columns = continued(frame.width, frame.cfa.width, reach);
+    let rows = continued(frame.height, frame.cfa.height, reach);
     let mut picture = Plane::filled(frame.width, frame.height, [T::default(); 3]);
     picture.data.par_chunks_mut(frame.width).enumerate().for_each(|(y, row)| {
         for (x, pixel) in row.iter_mut().enumerate() {
             let mut mean = Mean::default();
-            for j in 0..=2 * reach {
-                let v = continued(y + j, reach, rows, frame.height);
-                for i in 0..=2 * reach {
-                    let u = continued(x + i, reach, columns, frame.width);
+            for (j, &v) in rows[y..=y + 2 * reach].iter().enumerate() {
+                for (i, &u) in columns[x..=x + 2 * reach].iter().enumerate() {
                     let weight = (reach + 1 - i.abs_diff(reach)) * (reach + 1 - j.abs_diff(reach));
                     mean.add(to_srgb.channel(u, v), weight as f32, signal[v * frame.width + u]);
                 }
@@ -107,15 +106,16 @@ fn demosaiced<T: Copy + Default + Send>(
     picture
 }
 
-/// The sample that is read at `place - before` along an axis of `size` samples. Beyond an edge it is
-/// the one a period of the pattern further in, which has the same filter.
-fn continued(place: usize, before: usize, period: usize, size: usize) -> usize {
-    let inside = match place.checked_sub(before) {
-        None => (place + period).saturating_sub(before),
-        Some(k) if k >= size => k.saturating_sub(period),
-        Some(k) => k,
+/// The places along an axis of `size` samples that are read from `reach` before its first sample to
+/// `reach` after its last. Beyond an edge it is the sample a period of the pattern further in,
+/// which has the same filter.
+fn continued(size: usize, period: usize, reach: usize) -> Vec<usize> {
+    let place = |k: usize| match k.checked_sub(reach) {
+        None => (k + period).saturating_sub(reach),
+        Some(inside) if inside < size => inside,
+        Some(beyond) => beyond.saturating_sub(period),
     };
-    inside.min(size - 1)
+    (0..size + 2 * reach).map(|k| place(k).min(size - 1)).collect()
 }
 
 /// The frame averaged over squares of whole pattern cells, 8-bit sRGB, no side longer than
@@ -288,8 +288,8 @@ mod tests {
         RawFrame { width, height, bits, cfa, black_level_dn: 64.0, white_level_dn: 4064, data }
     }
 
-    /// At the edges every channel is made of its own filter: of a picture in which each filter has one
-    /// signal, every pixel is that colour.
+    /// Edges are made of their own filters: where each filter has one signal, every pixel is that
+    /// colour.
     #[test]
     fn edges_are_made_of_their_own_filters() {
         for cfa in ["GRBG", "RRGG/RRGG/GGBB/GGBB", "RGB"] {
