@@ -17,8 +17,8 @@ import numpy as np
 
 PLANCK_TIMES_LIGHT = 1.98644586e-25
 NM = 550.0
-MOST_FRAMES = 16
-MOST_SATURATED = 0.01
+MAX_FRAMES = 16
+MAX_SATURATED = 0.01
 
 
 def frames(camrig, files, scratch):
@@ -102,10 +102,10 @@ def table(camrig, captures, folder, base):
     with tempfile.TemporaryDirectory() as scratch:
         whole = list(stacks(camrig, captures, scratch))
         # The second half of long stacks, every second of short ones, as the diagnosis divides them.
-        held_out = [(e, s[len(s) // 2:][:MOST_FRAMES]) for e, s in whole if len(s) >= 4]
+        held_out = [(e, s[len(s) // 2:][:MAX_FRAMES]) for e, s in whole if len(s) >= 4]
         held_out += [(e, s) for e, s in [w for w in whole if len(w[1]) in (2, 3)][1::2]]
         white = 2 ** int(re.search(r"^bits = (\d+)", base[0].read_text(), re.M)[1]) - 1
-        held_out = [(e, s) for e, s in held_out if (s == white).mean() < MOST_SATURATED]
+        held_out = [(e, s) for e, s in held_out if (s == white).mean() < MAX_SATURATED]
         plan_file = pathlib.Path(scratch) / "plan.toml"
         plan_file.write_text(plan(held_out, base))
         models = {"Poisson and normal": list(plain(held_out, base, white))}

@@ -44,7 +44,7 @@ enum Shown {
 
 /// Memory for frames of a scene that rows of one frame see, bytes. A trade: what a workstation has
 /// to spare; more is refused with a word.
-const MOST_BYTES: u64 = 4 << 30;
+const MAX_BYTES: u64 = 4 << 30;
 
 impl Sequence {
     /// Shows a sequence to a sensor of that frame rate, over and over where it `repeats`. With
@@ -154,7 +154,7 @@ impl Sequence {
         let Self { shown: Shown::InTime(timeline), stage, told, pairs } = self else {
             return Err(Error::internal("a sequence that stands still, in time"));
         };
-        let most = MOST_BYTES / stage.cube_bytes(camera).max(1);
+        let most = MAX_BYTES / stage.cube_bytes(camera).max(1);
         let most = most.clamp(4, 100_000) as usize;
         let views = timeline.views(rows, most, |frame| seen(stage, camera, frame, told));
         let light = match views? {

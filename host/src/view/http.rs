@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 /// Longest head of a request, bytes: browsers send less than one KiB.
 const LONGEST_HEAD: usize = 16 << 10;
 /// Headers of a request at most; browsers send some fifteen.
-const MOST_HEADERS: usize = 64;
+const MAX_HEADERS: usize = 64;
 
 /// A request without its body.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl Head {
 
     /// A head, or `None` where its end is missing.
     fn parse(bytes: &[u8]) -> Result<Option<Self>, Refusal> {
-        let mut headers = [httparse::EMPTY_HEADER; MOST_HEADERS];
+        let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut request = httparse::Request::new(&mut headers);
         let end = match request.parse(bytes) {
             Ok(httparse::Status::Complete(end)) => end,

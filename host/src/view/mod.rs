@@ -16,7 +16,7 @@
 //!   which browsers do not send on.
 //!
 //! # What it may cost
-//! Each connection has a thread, and there are at most [`MOST_CONNECTIONS`]. Request heads and
+//! Each connection has a thread, and there are at most [`MAX_CONNECTIONS`]. Request heads and
 //! messages are short, and who neither reads nor writes is given up.
 
 mod assets;
@@ -42,7 +42,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// Connections at a time. A browser's tab has one for the frames and up to six while it loads.
-pub const MOST_CONNECTIONS: usize = 32;
+pub const MAX_CONNECTIONS: usize = 32;
 /// Time in which a request's head must have come. A trade: slow networks make it, and a stuck
 /// client soon makes room.
 const HEAD_PATIENCE: Duration = Duration::from_secs(10);
@@ -131,7 +131,7 @@ impl Console {
     fn accept(self: Arc<Self>, stream: TcpStream) {
         let taken = self.connections.fetch_add(1, Ordering::Relaxed);
         let counted = Counted(self);
-        if taken < MOST_CONNECTIONS {
+        if taken < MAX_CONNECTIONS {
             let _ = std::thread::Builder::new().spawn(move || counted.0.answer(stream));
         }
     }

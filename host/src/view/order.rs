@@ -10,7 +10,7 @@ pub const LONGEST_EXPOSURE_S: f64 = 60.0;
 /// bits in steps of 1/256.
 const LARGEST_GAIN: f64 = 255.0;
 /// Most light that the page may ask for, lx: ten times the sun's.
-const MOST_LUX: f64 = 1e6;
+const MAX_LUX: f64 = 1e6;
 
 /// A message of the page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -79,7 +79,7 @@ impl Order {
         match *self {
             Self::ExposureS(s) => limit("an exposure", s, LONGEST_EXPOSURE_S, " s"),
             Self::AnalogGain(g) => limit("a gain", g, LARGEST_GAIN, ""),
-            Self::Lux(lux) => limit("an illuminance", lux, MOST_LUX, " lx"),
+            Self::Lux(lux) => limit("an illuminance", lux, MAX_LUX, " lx"),
             _ => Ok(()),
         }
     }

@@ -177,7 +177,7 @@ fn who_breaks_the_rules_of_the_socket_is_put_out() {
 #[test]
 fn requests_that_never_end_do_not_hold_up_others_and_are_bounded() {
     let served = serve();
-    let halves: Vec<TcpStream> = (0..MOST_CONNECTIONS - 2)
+    let halves: Vec<TcpStream> = (0..MAX_CONNECTIONS - 2)
         .map(|_| {
             let mut stream = served.connect();
             stream.write_all(b"GET / HTTP/1.1\r\nHost: ").unwrap();

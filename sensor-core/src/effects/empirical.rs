@@ -290,7 +290,7 @@ impl Empirical {
         let pixels = row.as_flattened().iter().take(cx.width as usize);
         let mean = pixels.fold(0.0, |sum, v| sum + A::electrons(*v)) / cx.width as f32;
         let ratio = mean / self.signal_e;
-        if ratio > LEAST_RATIO { math::pow(ratio, self.on_signal) } else { 0.0 }
+        if ratio > MIN_RATIO { math::pow(ratio, self.on_signal) } else { 0.0 }
     }
 }
 
@@ -304,6 +304,6 @@ fn normals<A: Arith>(lanes: &mut Lanes) -> Block<A::Factor> {
 
 /// Share of the reference signal below which noise that grows with it is none: `math::pow` needs a
 /// positive number.
-const LEAST_RATIO: f32 = 1e-6;
+const MIN_RATIO: f32 = 1e-6;
 
 const _: () = assert!(MAX_TABLE <= 1024, "`start` reaches every word");

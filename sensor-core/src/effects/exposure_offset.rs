@@ -20,14 +20,14 @@ effect! {
 
 /// Steps of exposure from which the time is not rounded to whole ones: `math::round` holds up to
 /// 2²², and a step is then below the rounding of the time in f32.
-const MOST_STEPS: f32 = 4e6;
+const MAX_STEPS: f32 = 4e6;
 
 impl ExposureOffset {
     /// The actual exposure time for a requested one, s.
     pub(crate) fn actual(&self, exposure_s: f32) -> f32 {
         let step_s = self.step_us * 1e-6;
         let steps = exposure_s / step_s;
-        let whole = if steps < MOST_STEPS { math::round(steps) * step_s } else { exposure_s };
+        let whole = if steps < MAX_STEPS { math::round(steps) * step_s } else { exposure_s };
         (whole + self.offset_us * 1e-6).max(0.0)
     }
 }

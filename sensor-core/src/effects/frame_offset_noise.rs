@@ -22,7 +22,7 @@ effect! {
 
 /// Weight below which an earlier frame's innovation is left out. That leaves out its
 /// square, 1e-6, of the variance.
-const LEAST_WEIGHT: f32 = 1e-3;
+const MIN_WEIGHT: f32 = 1e-3;
 
 impl Stage for FrameOffsetNoise {
     #[inline(always)]
@@ -33,7 +33,7 @@ impl Stage for FrameOffsetNoise {
         row: &mut [Block<A::Signal>],
     ) {
         let (mut sum, mut total, mut weight, mut frame) = (0.0, 0.0, 1.0, cx.frame);
-        while weight > LEAST_WEIGHT {
+        while weight > MIN_WEIGHT {
             sum += weight * normal(&mut cx.per_frame(0, frame));
             total += weight * weight;
             weight *= self.correlation;

@@ -66,7 +66,7 @@ enum Spacing {
 
 /// Most values of a range. A trade: more than a sweep needs along one axis, and a count with a
 /// digit too many is refused before it fills the memory.
-const MOST_VALUES: usize = 100_000;
+const MAX_VALUES: usize = 100_000;
 
 impl Numbers {
     /// The values, at least one, all finite.
@@ -91,10 +91,10 @@ impl Range {
     fn values(&self) -> Result<Vec<f64>> {
         let Self { from, to, count, spacing } = *self;
         let log = spacing == Spacing::Log;
-        if !(1..=MOST_VALUES).contains(&count) || log && !(from > 0.0 && to > 0.0) {
+        if !(1..=MAX_VALUES).contains(&count) || log && !(from > 0.0 && to > 0.0) {
             return Err(Error::input(format!("a range from {from} to {to} of {count} values"))
                 .help(format!(
-                    "count is 1 to {MOST_VALUES}; the ends of a logarithmic range are above zero"
+                    "count is 1 to {MAX_VALUES}; the ends of a logarithmic range are above zero"
                 )));
         }
         let steps = (count - 1).max(1) as f64;

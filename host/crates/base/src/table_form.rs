@@ -10,7 +10,7 @@ const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
 /// Wavelengths in nm from hard ultraviolet to far infrared: others are in another unit than told.
 const OPTICAL_NM: std::ops::RangeInclusive<f64> = 10.0..=100_000.0;
 /// Lines that an instrument may write above its table.
-const MOST_HEADER_LINES: usize = 100;
+const MAX_HEADER_LINES: usize = 100;
 
 /// The lines of a table that are neither blank nor remarks, with their numbers from 1: those above
 /// the line that ends it, if there is one.
@@ -247,7 +247,7 @@ fn separator_of(line: &str) -> Option<Separator> {
 /// The first line of numbers, how many lines are above it, and what separates them.
 fn first_numbers(text: &str) -> Result<(usize, &str, Separator)> {
     let numbers = content(text)
-        .take(MOST_HEADER_LINES + 1)
+        .take(MAX_HEADER_LINES + 1)
         .enumerate()
         .find_map(|(i, (_, line))| Some((i, line, separator_of(line)?)));
     // A line of numbers with a mistake in it is no header.

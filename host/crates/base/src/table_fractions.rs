@@ -8,7 +8,7 @@ use crate::{Error, Result};
 /// 100 with the same.
 const PERCENT: std::ops::RangeInclusive<f64> = 2.0..=102.0;
 /// Largest reflectance: those of whites are measured against other whites, with their error.
-const MOST_REFLECTED: f64 = 1.02;
+const MAX_REFLECTED: f64 = 1.02;
 
 impl SpectralTable {
     /// Converts the columns to what is wanted, which are fractions: per cent also where the header
@@ -24,7 +24,7 @@ impl SpectralTable {
         }
         self.convert(wanted)?;
         self.clip_noise();
-        let most = if wanted == Wanted::Fraction { MOST_REFLECTED } else { 1.0 };
+        let most = if wanted == Wanted::Fraction { MAX_REFLECTED } else { 1.0 };
         for (column, values) in &self.curves {
             if let Some(i) = values.iter().position(|v| !(0.0..=most).contains(v)) {
                 return Err(Error::input(format!(

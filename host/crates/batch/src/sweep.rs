@@ -45,10 +45,10 @@ use std::path::{Path, PathBuf};
 
 /// Most cameras of a sweep. A trade: all of them are loaded and checked before the first picture
 /// is made, and a sweep of more is better split.
-const MOST_CAMERAS: usize = 100_000;
+const MAX_CAMERAS: usize = 100_000;
 
 /// Most pictures of a sweep: frame numbers have 32 bits.
-const MOST_PICTURES: u64 = u32::MAX as u64;
+const MAX_PICTURES: u64 = u32::MAX as u64;
 
 /// Kinds of files that a data set may have: those of one frame that keep every sample.
 const FILES: [&str; 5] = ["dng", "tiff", "npy", "pgm", "fits"];
@@ -369,9 +369,9 @@ impl Sweep {
         self.inputs.sort();
         self.inputs.dedup();
         let total = self.radices().iter().try_fold(1u64, |n, &r| n.checked_mul(r as u64));
-        if total.is_none_or(|n| n > MOST_PICTURES) {
+        if total.is_none_or(|n| n > MAX_PICTURES) {
             return Err(Error::limit("a grid of too many pictures")
-                .help(format!("at most {MOST_PICTURES}; split it into several sweeps")));
+                .help(format!("at most {MAX_PICTURES}; split it into several sweeps")));
         }
         Ok(())
     }
@@ -453,9 +453,9 @@ fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
             }
         }
         .map_err(|e| e.at(format!("camera key {key:?}")))?;
-        if variants.len().saturating_mul(values.len()) > MOST_CAMERAS {
+        if variants.len().saturating_mul(values.len()) > MAX_CAMERAS {
             return Err(
-                Error::limit(format!("more than {MOST_CAMERAS} cameras")).help("split the sweep")
+                Error::limit(format!("more than {MAX_CAMERAS} cameras")).help("split the sweep")
             );
         }
         let with = |variant: &Variant, value: &toml::Value| {

@@ -351,8 +351,8 @@ fn row(ln_dn: f64, first: f64, knots: usize) -> [(usize, f64); 2] {
 /// The nearest rising curve: neighbours out of order are pooled, and every step rises a little, so
 /// that the curve can be inverted.
 fn monotonic(g: Vec<f64>) -> Vec<f64> {
-    const LEAST_SLOPE: f64 = 0.01;
-    let tilt = |k: usize| k as f64 * LEAST_SLOPE * STEP;
+    const MIN_SLOPE: f64 = 0.01;
+    let tilt = |k: usize| k as f64 * MIN_SLOPE * STEP;
     let mut pools: Vec<(f64, usize)> = Vec::new();
     for (k, value) in g.into_iter().enumerate() {
         pools.push((value - tilt(k), 1));

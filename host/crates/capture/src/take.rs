@@ -27,7 +27,7 @@ const DEFAULT_FILL: f64 = 0.5;
 /// Share of saturated samples beyond which a stack that is not said to saturate is refused. A
 /// trade: clipping bends means and variances from the first clipped sample on, but hot pixels
 /// saturate in any light, and a stack must not be refused for them.
-const MOST_SATURATED: f64 = 1e-3;
+const MAX_SATURATED: f64 = 1e-3;
 
 /// How a plan is taken.
 #[derive(Clone, Copy, Debug, Default)]
@@ -142,7 +142,7 @@ pub fn take(
             output.write(format!("{}/{i:04}.npy", shot.id), &bytes)?;
             progress();
         }
-        if !shot.saturates && saturated as f64 > MOST_SATURATED * samples as f64 {
+        if !shot.saturates && saturated as f64 > MAX_SATURATED * samples as f64 {
             return Err(Error::limit(format!(
                 "{:.1} % of the samples are saturated",
                 100.0 * saturated as f64 / samples as f64

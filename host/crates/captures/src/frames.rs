@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// Frames of one batch whose samples still lie in their files: what may be open at a time.
 const OPEN_FILES: usize = 128;
 /// Pixels of the planes that are in memory at once, where that is more than one: 64 MiB.
-const MOST_PIXELS: usize = 1 << 25;
+const MAX_PIXELS: usize = 1 << 25;
 
 /// One frame that is at hand: its samples are in memory, or lie in a file as they are and are read
 /// when asked for.
@@ -234,7 +234,7 @@ impl SensorFacts {
 /// Planes that are in memory at once, at most: few where frames are large.
 fn at_once(sensor: &SensorFacts) -> usize {
     let pixels = (sensor.width * sensor.height).max(1);
-    (MOST_PIXELS / pixels).clamp(1, 2 * rayon::current_num_threads())
+    (MAX_PIXELS / pixels).clamp(1, 2 * rayon::current_num_threads())
 }
 
 /// Calls `each` with batches of frames; see [`super::CaptureSet::for_each_batch`].

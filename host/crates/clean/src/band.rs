@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Samples of a band, at most: 64 MiB, and twice as much for their residuals.
-const MOST_SAMPLES: usize = 1 << 25;
+const MAX_SAMPLES: usize = 1 << 25;
 /// Residuals count at most so many standard deviations in means of rows.
 const CLIP: f64 = 4.0;
 /// Variance of row means over that of white noise from which rows are made level too: over
@@ -75,7 +75,7 @@ impl Band {
 
 /// The rows of frames of this size in bands, each whole periods of the filter pattern.
 pub fn bands(width: usize, height: usize, frames: usize, period: usize) -> Vec<Range<usize>> {
-    let most = (MOST_SAMPLES / (width * frames.max(1))).max(1);
+    let most = (MAX_SAMPLES / (width * frames.max(1))).max(1);
     let rows = (most / period).max(1) * period;
     (0..height).step_by(rows).map(|y| y..(y + rows).min(height)).collect()
 }

@@ -17,7 +17,7 @@ const NEAR: (f64, usize) = (0.12, 120);
 /// Coefficients whose standard deviation is below this share of a step all lie on one.
 const WIDE: f64 = 0.45;
 /// Blocks that are looked at, at most: enough for steps of a tenth of the noise.
-const MOST_BLOCKS: usize = 600;
+const MAX_BLOCKS: usize = 600;
 /// Chance of a false alarm in a set.
 const FALSE_ALARM: f64 = 1e-3;
 /// Places of blocks: their own, and three that no coder has.
@@ -90,7 +90,7 @@ fn coefficients(frames: &[Plane<u16>], (top, left): (usize, usize)) -> Vec<Vec<f
         })
         .collect();
     let mut out = vec![Vec::new(); SIDE * SIDE - 1];
-    let mut left_over = MOST_BLOCKS;
+    let mut left_over = MAX_BLOCKS;
     for frame in frames {
         let (w, h) = (frame.width, frame.height);
         for y in (top..(h + 1).saturating_sub(SIDE)).step_by(SIDE) {
@@ -116,5 +116,5 @@ fn coefficients(frames: &[Plane<u16>], (top, left): (usize, usize)) -> Vec<Vec<f
             }
         }
     }
-    if left_over == MOST_BLOCKS { Vec::new() } else { out }
+    if left_over == MAX_BLOCKS { Vec::new() } else { out }
 }

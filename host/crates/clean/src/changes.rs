@@ -8,7 +8,7 @@
 //! happened where more pixels change than chance puts there (Poisson).
 
 use super::band::{Band, Levels, Residuals, bands};
-use super::finding::{Done, Finding, Kind, MOST_PIXELS, names};
+use super::finding::{Done, Finding, Kind, MAX_PIXELS, names};
 use super::hits::{FALSE_EVENTS, Search, stand_in};
 use super::scan::Scan;
 use super::transfer::Transfer;
@@ -18,7 +18,7 @@ use camrig_base::tails;
 use camrig_captures::CaptureSet;
 
 /// Frames from which a change within a stack is looked for.
-const LEAST_FRAMES: usize = 6;
+const MIN_FRAMES: usize = 6;
 /// Frames at either end that no change is looked for in: one sample alone is an event.
 const END: usize = 2;
 /// Residuals count at most so many standard deviations.
@@ -42,7 +42,7 @@ pub struct Change {
 /// Pixels of a band that change once; `masked` are samples (frame, pixel of the frame) of events.
 pub fn changes(search: &Search, r: &Residuals, masked: &[(usize, usize)]) -> Vec<Change> {
     let n = r.frames;
-    if n < LEAST_FRAMES {
+    if n < MIN_FRAMES {
         return Vec::new();
     }
     let first = search.first_row * r.width;
@@ -138,7 +138,7 @@ pub fn follow(
     let mut out = Vec::new();
     for (stack, scan) in scans.iter().enumerate() {
         let n = scan.frames.len();
-        if n < LEAST_FRAMES {
+        if n < MIN_FRAMES {
             continue;
         }
         let capture = &set.captures[scan.capture];
@@ -217,7 +217,7 @@ pub fn finding(
     finding.count = pixels.len();
     finding.frames = by_frame.iter().map(|f| f.0).collect();
     let width = set.sensor.width;
-    finding.pixels = pixels.iter().map(|p| [p % width, p / width]).take(MOST_PIXELS).collect();
+    finding.pixels = pixels.iter().map(|p| [p % width, p / width]).take(MAX_PIXELS).collect();
     finding.amount(by, weight.sqrt().recip(), "DN").says(format!(
         "{} {} by {by:.2} ± {:.2} DN{of_gain} together, from {} on (counted from 0): \
          damage, or a camera that changed, not noise. Their samples from there on are left out",

@@ -6,7 +6,7 @@ use camrig_captures::{CaptureSet, SensorFacts};
 
 /// Different codes from which a step is believed: eleven that are even by chance occur once in a
 /// thousand sets.
-const LEAST_CODES: usize = 11;
+const MIN_CODES: usize = 11;
 /// Share of the samples from which a step is said though some samples lie between.
 const NEARLY_ALL: f64 = 0.999;
 
@@ -51,7 +51,7 @@ pub fn step(scans: &[Scan]) -> Option<Step> {
     let count = |code: usize| scans.iter().map(|s| s.codes[code]).sum::<u64>();
     let codes: Vec<(u16, u64)> =
         (0..=u16::MAX).map(|c| (c, count(c.into()))).filter(|c| c.1 > 0).collect();
-    if codes.len() < LEAST_CODES {
+    if codes.len() < MIN_CODES {
         return None;
     }
     let all: u64 = codes.iter().map(|c| c.1).sum();
@@ -69,7 +69,7 @@ pub fn step(scans: &[Scan]) -> Option<Step> {
             used[usize::from(code % step)] += 1;
         }
         let (offset, &most) = by_offset.iter().enumerate().max_by_key(|o| o.1)?;
-        let enough = most as f64 > NEARLY_ALL * all as f64 && used[offset] >= LEAST_CODES;
+        let enough = most as f64 > NEARLY_ALL * all as f64 && used[offset] >= MIN_CODES;
         enough.then_some(Step { step, offset: offset as u16, between: (all - most, all) })
     })
 }

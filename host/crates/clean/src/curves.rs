@@ -18,9 +18,9 @@ use camrig_captures::{CaptureSet, Role};
 /// (numpy draws of offsets and lamps that wander).
 const FALL: f64 = 25.0;
 /// Frames from which a curve is looked for.
-const LEAST_FRAMES: usize = 6;
+const MIN_FRAMES: usize = 6;
 /// Stacks from which their own scatter counts.
-const LEAST_STACKS: usize = 5;
+const MIN_STACKS: usize = 5;
 /// Blocks of rows that a frame is divided into.
 const BLOCKS: usize = 8;
 /// Scatter over the errors from which it is more than chance.
@@ -94,7 +94,7 @@ impl Means {
     fn of(set: &CaptureSet, scans: &[Scan], black: f64, rows: &Rows) -> Option<Self> {
         let n = rows.sums.len();
         let height = rows.sums.first()?.len();
-        if n < LEAST_FRAMES || height < BLOCKS {
+        if n < MIN_FRAMES || height < BLOCKS {
             return None;
         }
         let w = rows.width as f64;
@@ -175,7 +175,7 @@ fn fit(stacks: &[&Means], shape: Shape, of_light: bool) -> Fitted {
         false => scatter.max(1.0),
     };
     let mut fall = amplitude * amplitude * weight / inflated;
-    if stacks.len() >= LEAST_STACKS {
+    if stacks.len() >= MIN_STACKS {
         let differ = own.iter().map(|o| o.0 * (o.1 - amplitude).powi(2)).sum::<f64>();
         let dof = stacks.len() as f64 - 1.0;
         let differ = differ / dof;

@@ -121,7 +121,7 @@ pub fn finding(
     };
     let mut finding = Finding::new(Kind::ParticleHits, ids.join(", "), Done::LeftOut);
     finding.count = events.len();
-    finding.pixels = events.iter().map(|e| e.at).take(super::finding::MOST_PIXELS).collect();
+    finding.pixels = events.iter().map(|e| e.at).take(super::finding::MAX_PIXELS).collect();
     finding.rate = Some(rate);
     let value = rate.per_s.unwrap_or(rate.per_frame);
     let error = rate.per_s_std_error.unwrap_or(rate.per_frame_std_error);

@@ -22,7 +22,7 @@ pub struct Finding {
     pub frames: Vec<usize>,
     /// What it is.
     pub kind: Kind,
-    /// Columns and rows that it concerns, at most [`MOST_PIXELS`].
+    /// Columns and rows that it concerns, at most [`MAX_PIXELS`].
     #[serde(default)]
     pub pixels: Vec<[usize; 2]>,
     /// Of what happens again and again: how often, for each stack.
@@ -39,7 +39,7 @@ pub struct Finding {
 }
 
 /// Pixels that a finding lists, at most.
-pub const MOST_PIXELS: usize = 100;
+pub const MAX_PIXELS: usize = 100;
 
 /// How often something happens: `per_frame` + `per_s` × exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

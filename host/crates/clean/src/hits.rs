@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 /// Chance of one false event in a whole set.
 pub const FALSE_EVENTS: f64 = 1e-3;
 /// Frames from which a sample stands out against the others.
-pub const LEAST_FRAMES: usize = 3;
+pub const MIN_FRAMES: usize = 3;
 /// Deviations from which a neighbour belongs to an event, and from which the further neighbours of
 /// a large one do.
 const NEIGHBOUR: (f64, f64) = (3.5, 2.5);
@@ -88,7 +88,7 @@ impl Search {
     /// Events of a band; `period` columns of the filter pattern.
     pub fn find(&self, band: &Band, r: &Residuals, period: usize) -> Found {
         let n = r.frames;
-        if n < LEAST_FRAMES {
+        if n < MIN_FRAMES {
             return Found::default();
         }
         let limit = self.limit();

@@ -10,7 +10,7 @@ use super::cleaned::{Changes, Replaced};
 use super::curves::{self, Rows};
 use super::events::{self, particles};
 use super::finding::{Done, Finding};
-use super::hits::{Event, Found, LEAST_FRAMES, Search};
+use super::hits::{Event, Found, MIN_FRAMES, Search};
 use super::processed::{self, Lags};
 use super::scan::{Scan, of_light};
 use super::transfer::Transfer;
@@ -139,7 +139,7 @@ fn stack(
             samples,
             white: f64::from(set.sensor.white_level_dn),
         };
-        if clipped || n < LEAST_FRAMES {
+        if clipped || n < MIN_FRAMES {
             continue;
         }
         let found = search.find(&band, &r, cfa.width);

@@ -23,7 +23,7 @@ const FALSE_NAME: f64 = 1e-3;
 /// Chance by which another explanation that is as good is no chance.
 const AS_GOOD: f64 = 0.01;
 /// Levels without which none is singled out: three for the law, two that agree, one that does not.
-const LEAST_LEVELS: usize = 5;
+const MIN_LEVELS: usize = 5;
 /// Levels from which two may be named.
 const LEVELS_FOR_PAIRS: usize = 9;
 /// Ratio beyond which an entry of the manifest is another capture's altogether, which is refused
@@ -248,7 +248,7 @@ fn fit(levels: &[Level], keep: &[bool], also: Also) -> Option<Fit> {
 
 /// The levels of a series that do not belong to the law of the others.
 pub(crate) fn named(levels: &[Level]) -> Vec<Label> {
-    if levels.len() < LEAST_LEVELS {
+    if levels.len() < MIN_LEVELS {
         return Vec::new();
     }
     let one = outliers(levels, 1);

@@ -58,4 +58,4 @@ mod transfer;
 pub use cleaned::Cleaned;
 pub use codes::Step;
 pub use curves::{Curve, Shape};
-pub use finding::{Done, Finding, Kind, MOST_PIXELS, Rate};
+pub use finding::{Done, Finding, Kind, MAX_PIXELS, Rate};

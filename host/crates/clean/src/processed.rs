@@ -12,10 +12,10 @@ use camrig_captures::{CaptureSet, Role};
 
 /// Correlation of neighbours that a filter leaves at least. Below it coupling between pixels and
 /// slow amplifiers do as much.
-const LEAST_CORRELATION: f64 = 0.01;
+const MIN_CORRELATION: f64 = 0.01;
 /// Contrast of the noise on the two halves of a checkerboard that interpolation leaves at least:
 /// the mean of two pixels has half of the variance, of four a quarter, contrasts of 0.33 and 0.6.
-const LEAST_CONTRAST: f64 = 0.1;
+const MIN_CONTRAST: f64 = 0.1;
 /// Its errors, 1/√samples, from which it is there.
 const ERRORS: f64 = 6.0;
 /// Largest over smallest correlation over stacks of one filter: what a sensor's own circuits do
@@ -130,7 +130,7 @@ pub fn demosaiced(set: &CaptureSet, scans: &[Scan], lags: &[Lags]) -> Option<Fin
     }
     let contrasts: Vec<(f64, f64)> = lags.iter().map(|l| l.contrast()).collect();
     let there = contrasts.iter().all(|(c, error)| {
-        c.abs() > LEAST_CONTRAST.max(ERRORS * error) && c.signum() == contrasts[0].0.signum()
+        c.abs() > MIN_CONTRAST.max(ERRORS * error) && c.signum() == contrasts[0].0.signum()
     });
     let sizes = || contrasts.iter().map(|c| c.0.abs());
     let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
@@ -173,7 +173,7 @@ pub fn filtered(
     let correlations: Vec<[f64; 2]> = lags.iter().map(|l| l.correlation()).collect();
     for k in 0..2 {
         let there = lags.iter().zip(&correlations).all(|(l, c)| {
-            c[k].abs() > LEAST_CORRELATION.max(ERRORS / l.samples.sqrt())
+            c[k].abs() > MIN_CORRELATION.max(ERRORS / l.samples.sqrt())
                 && c[k].signum() == correlations[0][k].signum()
         });
         let sizes = || correlations.iter().map(|c| c[k].abs());

@@ -20,7 +20,7 @@ use std::ops::Range;
 const AHEAD_BYTES: usize = 2 << 20;
 const MAX_AHEAD: usize = 96;
 /// Fewest rows for which a further rig is set to work.
-const LEAST_ROWS: usize = 4;
+const MIN_ROWS: usize = 4;
 
 /// See the module.
 pub struct Parallel<'m> {
@@ -62,7 +62,7 @@ impl<'m> Parallel<'m> {
             self.arrived.saturating_sub(shape.halo.into())
         };
         let count = usize::from(last.saturating_sub(first));
-        let workers = self.rigs.len().min(count.div_ceil(LEAST_ROWS)).max(1);
+        let workers = self.rigs.len().min(count.div_ceil(MIN_ROWS)).max(1);
         let share = count.div_ceil(workers).max(1);
         let raw_bytes = usize::from(shape.raw_bytes);
         self.raw.resize(count * raw_bytes, 0);

@@ -28,7 +28,7 @@ pub const XYZ_FROM_SRGB: Matrix = [
 /// Smallest determinant of the normal equations, relative to the product of their diagonal, for
 /// which reflectances count as different colours. Colours on one line through white leave only the
 /// rounding of f64 sums, below 1e-14; this is well above it and loses no usable set.
-const LEAST_DETERMINANT: f64 = 1e-12;
+const MIN_DETERMINANT: f64 = 1e-12;
 
 /// A camera's colour under one illuminant: the matrix from XYZ, and the camera's neutral.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,7 +111,7 @@ pub fn fit(
         }
     }
     let determinant = uu * vv - uv * uv;
-    if determinant <= LEAST_DETERMINANT * uu * vv {
+    if determinant <= MIN_DETERMINANT * uu * vv {
         return Err(Error::input("reflectances that do not span the colours")
             .help("give at least three different colours besides grey"));
     }

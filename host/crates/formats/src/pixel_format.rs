@@ -239,12 +239,12 @@ fn ambiguous(path: &Path, what: &str, [one, other]: [&str; 2]) -> Error {
 }
 
 /// Frames in a file of which the length of padded rows is guessed: more would be a coincidence.
-const MOST_GUESSED: usize = 256;
+const MAX_GUESSED: usize = 256;
 
 /// Bytes from row to row, less than those of two, with which a file is whole frames; of several
 /// the roundest, as rows are padded to multiples of 16, 32, 64, ... bytes.
 fn padded_row(length: usize, frame_bytes: usize, height: usize) -> Option<usize> {
-    (1..=(length / frame_bytes).min(MOST_GUESSED))
+    (1..=(length / frame_bytes).min(MAX_GUESSED))
         .filter_map(|frames| {
             let rows = frames * height;
             length.is_multiple_of(rows).then_some(length / rows)

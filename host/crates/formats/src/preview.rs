@@ -11,14 +11,14 @@ use rayon::prelude::*;
 
 /// Smallest share of white that a channel's neutral counts as: bounds the white-balance gain of a
 /// channel that sees almost nothing.
-const LEAST_NEUTRAL: f64 = 1e-6;
+const MIN_NEUTRAL: f64 = 1e-6;
 
 /// Share of the pixels that automatic brightness lets be white: dcraw and LibRaw take 1 %
 /// (`auto_bright_thr` 0.01).
 const WHITE_SHARE: f64 = 0.01;
 /// Largest factor of automatic brightness: 4 EV. Beyond it a picture shows noise rather than the
 /// scene, and a dark frame stays dark.
-const MOST_BRIGHTENING: f64 = 16.0;
+const MAX_BRIGHTENING: f64 = 16.0;
 /// Levels of linear light in which the share of white pixels is counted.
 const LEVELS: usize = 65536;
 
@@ -69,7 +69,7 @@ fn brightened(linear: &Plane<[f64; 3]>) -> (Plane<[u8; 3]>, f64) {
         level.unwrap_or(0) as f64 / (LEVELS - 1) as f64
     });
     let brightest = brightest.fold(0.0, f64::max);
-    let factor = (1.0 / brightest.max(1.0 / MOST_BRIGHTENING)).max(1.0);
+    let factor = (1.0 / brightest.max(1.0 / MAX_BRIGHTENING)).max(1.0);
     let encode = |pixel: &[f64; 3]| pixel.map(|v| gamma((v * factor).clamp(0.0, 1.0)));
     let data = linear.data.par_iter().map(encode).collect();
     (Plane { width: linear.width, height: linear.height, data }, factor)
@@ -189,7 +189,7 @@ impl Development {
     pub fn new(frame: &RawFrame, info: &DngInfo) -> Self {
         let black_dn = black_levels(frame, info);
         let neutral = info.as_shot_neutral.unwrap_or([1.0; 3]);
-        let gain = |c: Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(LEAST_NEUTRAL));
+        let gain = |c: Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(MIN_NEUTRAL));
         let white = f64::from(frame.white_level_dn);
         let scale = |(letter, black): (&char, &f64)| gain(rgb(*letter)) / (white - black).max(1.0);
         let scale_per_dn = frame.cfa.letters.iter().zip(&black_dn).map(scale).collect();

@@ -58,7 +58,7 @@ const DEVIATIONS: std::ops::RangeInclusive<f64> = -0.1..=0.1;
 /// 5e-4; farther in the infrared the error grows to 1e-2.
 const MODEL_RANGE_NM: [f64; 2] = [350.0, 1100.0];
 /// Least index that a formula may give: below it the wavelength lies in an absorption band.
-const LEAST_INDEX: f64 = 0.5;
+const MIN_INDEX: f64 = 0.5;
 
 impl Glass {
     /// A model glass and its name from `NAME=n_d:V_d`.
@@ -175,7 +175,7 @@ impl Glass {
             .help(format!("its index is known from {low} to {high} nm")));
         }
         let n = self.dispersion.index(nm * 1e-3);
-        if n.is_finite() && n > LEAST_INDEX {
+        if n.is_finite() && n > MIN_INDEX {
             return Ok(n);
         }
         Err(Error::input(format!("glass {} has no real index at {nm} nm", self.name))

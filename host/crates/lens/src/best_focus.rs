@@ -23,7 +23,7 @@ const SAMPLES: usize = 64;
 /// Places of the sensor per cycle of the fastest phase in the sum.
 const PLACES_PER_CYCLE: f64 = 16.0;
 /// Most places that are looked at; a longer range is looked at more coarsely.
-const MOST_PLACES: usize = 4000;
+const MAX_PLACES: usize = 4000;
 /// Depths of focus λ/r² beyond the crossings of the rays within which the best place is looked
 /// for.
 const DEPTHS: f64 = 2.0;
@@ -64,7 +64,7 @@ pub(super) fn find(system: &System, per_mm: f64) -> Result<Best> {
     let high = waves.iter().map(|(w, _)| w.crossings[1]).fold(f64::NEG_INFINITY, f64::max);
     let fastest = waves.iter().map(|(w, _)| w.fastest_per_mm).fold(0.0, f64::max);
     let places = ((high - low) * fastest * PLACES_PER_CYCLE).ceil() as usize;
-    let places = places.clamp(2, MOST_PLACES);
+    let places = places.clamp(2, MAX_PLACES);
     let step = (high - low) / places as f64;
     let place = |i: usize| low + step * i as f64;
     let best = (0..=places).map(|i| (mtf(place(i)), i)).max_by(|a, b| a.0.total_cmp(&b.0));

@@ -231,8 +231,8 @@ fn coverage(
     }
     // Rounding in the running sum leaves a little in empty cells. A share below this limit carries
     // no light that a PSF in f32 shows.
-    const LEAST_SHARE: f64 = 1e-9;
-    shares.iter_mut().filter(|v| **v < LEAST_SHARE).for_each(|v| *v = 0.0);
+    const MIN_SHARE: f64 = 1e-9;
+    shares.iter_mut().filter(|v| **v < MIN_SHARE).for_each(|v| *v = 0.0);
     shares
 }
 

@@ -16,7 +16,7 @@ use serde::Deserialize;
 use std::f64::consts::TAU;
 
 /// Highest frequency, Hz: above it light is steady for any exposure.
-const MOST_HZ: f64 = 1e6;
+const MAX_HZ: f64 = 1e6;
 
 /// A rectangle of the frame: columns and rows from the upper left corner, width and height, as
 /// parts of the frame's.
@@ -91,7 +91,7 @@ impl std::str::FromStr for Lamp {
         let region = keys.region.as_deref().map(region);
         let least = if kind == "pulse" { f64::MIN_POSITIVE } else { 0.0 };
         let sound = hz > 0.0
-            && hz <= MOST_HZ
+            && hz <= MAX_HZ
             && phase.is_finite()
             && (least..=1.0).contains(&part)
             && (0.0..=1.0).contains(&share)

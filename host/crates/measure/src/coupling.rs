@@ -17,7 +17,7 @@ use serde::Serialize;
 
 /// Smallest share of a flat's temporal variance that has to be shot noise. Below a tenth, the
 /// correlation is divided by so small a share that its error exceeds usual couplings.
-const LEAST_SHOT_SHARE: f64 = 0.1;
+const MIN_SHOT_SHARE: f64 = 0.1;
 /// Steps of the fixed-point iteration for the shares; each multiplies the error by about
 /// 2 (a + b), so that 50 reach f64 precision for shares up to 0.1.
 const ITERATIONS: usize = 50;
@@ -74,7 +74,7 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
                 .help("the read noise must be known")
         })?;
     let shot_share = 1.0 - variance(&Stack::read_moments(set, dark)?) / total;
-    if shot_share.is_nan() || shot_share < LEAST_SHOT_SHARE {
+    if shot_share.is_nan() || shot_share < MIN_SHOT_SHARE {
         return Err(Error::input("the flat's noise is not shot noise")
             .at(format!("capture {:?}", flat.id))
             .help("use a flat at half saturation"));

@@ -11,19 +11,19 @@ use super::value::Value;
 pub(crate) const SAME_EXPOSURE: f64 = 1e-6;
 /// Smallest ratio of abscissas (exposure times, signals) for a line extrapolated to zero. Two
 /// points at t and 1.5 t give 3 y₁ − 2 y₂ there, with 3.6 times the error of one.
-pub(crate) const LEAST_SPAN: f64 = 1.5;
+pub(crate) const MIN_SPAN: f64 = 1.5;
 /// Smallest dark current in standard errors for the fit of the doubling temperature: the logarithm
 /// of a less certain rate is biased.
 const CLEAR_RATE: f64 = 3.0;
 /// Fewest exposure times for a line.
-pub(crate) const LEAST_EXPOSURES: usize = 2;
+pub(crate) const MIN_EXPOSURES: usize = 2;
 
 /// Mean of the dark over exposure time.
 #[derive(Clone, Debug)]
 pub struct DarkLine {
     /// Exposure time s, mean DN, its error.
     points: Vec<[f64; 3]>,
-    /// Line through the means, where the exposure times span [`LEAST_SPAN`].
+    /// Line through the means, where the exposure times span [`MIN_SPAN`].
     line: Option<Fit>,
 }
 
@@ -123,8 +123,8 @@ pub(crate) fn distinct(exposures: &[f64]) -> usize {
     sorted.len()
 }
 
-/// Whether exposure times span [`LEAST_SPAN`].
+/// Whether exposure times span [`MIN_SPAN`].
 pub(crate) fn spans(exposures: &[f64]) -> bool {
     let longest = exposures.iter().copied().fold(0.0, f64::max);
-    exposures.iter().any(|t| longest >= LEAST_SPAN * t)
+    exposures.iter().any(|t| longest >= MIN_SPAN * t)
 }

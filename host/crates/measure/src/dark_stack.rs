@@ -26,7 +26,7 @@ const HOT_SIGMAS: f64 = 6.0;
 /// Standard deviation of a Gaussian over its median absolute deviation.
 const SIGMA_OVER_MEDIAN: f64 = 1.482_602;
 /// Bits of samples whose range is not known.
-const MOST_BITS: u32 = 16;
+const MAX_BITS: u32 = 16;
 
 /// Figures of a stack of dark frames.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -68,7 +68,7 @@ pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
     let (width, height) = frames.planes.first().map_or((0, 0), |p| (p.width, p.height));
     drop(frames.planes);
     let differences = differences(files, &facts);
-    let bits = facts.bits.unwrap_or(MOST_BITS).min(MOST_BITS);
+    let bits = facts.bits.unwrap_or(MAX_BITS).min(MAX_BITS);
     let full_scale = ((1u32 << bits) - 1) as u16;
     let sensor = SensorFacts {
         width,

@@ -5,7 +5,7 @@ use camrig_linear::{Matrix, Singular, Vector, apply, inverse, product};
 
 /// Smallest ratio of singular values of the scaled design with which its columns count as
 /// independent: below 1e-10 rounding (1e-16) costs more than six of the sixteen digits.
-const LEAST_CONDITION: f64 = 1e-10;
+const MIN_CONDITION: f64 = 1e-10;
 
 /// Result of a weighted least-squares fit.
 #[derive(Clone, Debug)]
@@ -46,7 +46,7 @@ impl Fit {
         }
         let singular = Singular::of(&scaled);
         let condition = singular.condition();
-        if condition.is_nan() || condition < LEAST_CONDITION {
+        if condition.is_nan() || condition < MIN_CONDITION {
             return Err(degenerate());
         }
         let solution = singular.solve(&target, 0.0).ok_or_else(degenerate)?;

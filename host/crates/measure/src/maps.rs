@@ -1,7 +1,7 @@
 //! Straight lines through the means of every pixel over a series of stacks, accumulated one stack
 //! at a time.
 
-use super::dark::LEAST_SPAN;
+use super::dark::MIN_SPAN;
 use super::site::Site;
 use super::spatial::{PlaneMoments, SpatialVariance};
 use super::stack::Stack;
@@ -111,12 +111,12 @@ impl LineMaps {
         of.map(|s| (s.rows(self.height) * s.columns(self.width)) as f64).sum()
     }
 
-    /// Determinant of the normal equations; `None` where x does not span [`LEAST_SPAN`], as lines
+    /// Determinant of the normal equations; `None` where x does not span [`MIN_SPAN`], as lines
     /// then cannot be extrapolated to zero.
     fn determinant(&self, channel: usize) -> Option<f64> {
         let s = self.channels[channel];
         let (low, high) = s.range?;
-        (high >= LEAST_SPAN * low).then_some(s.w * s.xx - s.x * s.x)
+        (high >= MIN_SPAN * low).then_some(s.w * s.xx - s.x * s.x)
     }
 
     /// Offset or slope of a pixel of `channel`.

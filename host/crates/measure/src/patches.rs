@@ -24,7 +24,7 @@ const SAMPLED: f64 = 0.5;
 /// Index of the white patch, counted from 0.
 const WHITE: usize = 18;
 /// Fewest samples of a patch, for a standard deviation.
-const LEAST_SAMPLES: usize = 4;
+const MIN_SAMPLES: usize = 4;
 /// Largest share of saturated pixels of a patch: one bright patch of small noise may clip single
 /// pixels, but the mean must not change.
 const SATURATED: f64 = 0.01;
@@ -282,7 +282,7 @@ fn sample<T: Copy + Into<f64>>(
             cells.push(sums.iter().map(|s| s.0 / f64::from(s.1)).collect());
         }
     }
-    if cells.len() < LEAST_SAMPLES {
+    if cells.len() < MIN_SAMPLES {
         return Err(Error::input(format!("{} samples in the patch", cells.len()))
             .help("the chart is too small in the frame, or the corners are wrong"));
     }

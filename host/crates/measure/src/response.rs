@@ -5,9 +5,9 @@ use super::fit::Fit;
 use super::value::Value;
 
 /// Fewest levels for a quadratic: two degrees of freedom are left.
-const LEAST_LEVELS: usize = 5;
+const MIN_LEVELS: usize = 5;
 /// Fewest levels for a cubic: four degrees of freedom are left.
-const LEAST_LEVELS_CUBIC: usize = 8;
+const MIN_LEVELS_CUBIC: usize = 8;
 /// Fall of χ² for which the cubic term is taken, in units of the scatter left: three standard
 /// errors.
 const CUBIC_GAIN: f64 = 9.0;
@@ -16,7 +16,7 @@ const CUBIC_GAIN: f64 = 9.0;
 const NEWTON_STEPS: usize = 8;
 /// Smallest slope of the curve in Newton's method, which keeps a step beyond the fitted range
 /// bounded.
-const LEAST_SLOPE: f64 = 0.1;
+const MIN_SLOPE: f64 = 0.1;
 
 /// `S = x + q x² + c x³`, where x is the signal (DN) of a linear sensor with the same slope at
 /// zero. Valid up to the largest signal fitted.
@@ -39,14 +39,14 @@ impl Response {
     ///
     /// Errors are widened to the scatter, which includes that of the light.
     pub fn fit(h: &[f64], s: &[f64], error: &[f64]) -> Option<Self> {
-        if h.len() < LEAST_LEVELS {
+        if h.len() < MIN_LEVELS {
             return None;
         }
         let powers = |n: i32| -> Vec<Vec<f64>> {
             h.iter().map(|&h| (0..=n).map(|k| h.powi(k)).collect()).collect()
         };
         let mut fit = Fit::new(&powers(2), s, error).ok()?;
-        if h.len() >= LEAST_LEVELS_CUBIC
+        if h.len() >= MIN_LEVELS_CUBIC
             && let Ok(cubic) = Fit::new(&powers(3), s, error)
             && fit.chi2 - cubic.chi2 > CUBIC_GAIN * cubic.reduced_chi2().max(1.0)
         {
@@ -82,7 +82,7 @@ impl Response {
         let mut x = s;
         for _ in 0..NEWTON_STEPS {
             let value = x + self.quadratic.value * x * x + self.cubic * x * x * x;
-            x -= (value - s) / self.slope(x).max(LEAST_SLOPE);
+            x -= (value - s) / self.slope(x).max(MIN_SLOPE);
         }
         x
     }

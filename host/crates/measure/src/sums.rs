@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hasher};
 
 /// Largest number of frames whose 16-bit samples fit a `u32` sum.
-const MOST_FRAMES: usize = u16::MAX as usize;
+const MAX_FRAMES: usize = u16::MAX as usize;
 
 /// Sums over the frames of a stack.
 pub struct Sums {
@@ -90,8 +90,8 @@ impl Sums {
         keep: bool,
         whole: bool,
     ) -> Result<()> {
-        if self.frames + batch.len() > MOST_FRAMES {
-            return Err(Error::limit(format!("more than {MOST_FRAMES} frames in one capture")));
+        if self.frames + batch.len() > MAX_FRAMES {
+            return Err(Error::limit(format!("more than {MAX_FRAMES} frames in one capture")));
         }
         let none_yet = self.frames == 0;
         self.frames += batch.len();

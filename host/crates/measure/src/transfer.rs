@@ -30,7 +30,7 @@ const SATURATED_THROUGHOUT: f64 = 0.5;
 /// throughout without samples at the white level.
 const NO_SHOT_NOISE: f64 = 0.1;
 /// Fewest levels for judging the brightest one by the others: three determine gain and dark noise.
-const LEAST_TO_JUDGE: usize = 4;
+const MIN_TO_JUDGE: usize = 4;
 /// Passes of the Gauss-Newton fit, and the pass whose scatter widens the errors. The
 /// number is fixed so that equal data give equal bits; five suffice because weights depend on the
 /// fit only weakly.
@@ -375,7 +375,7 @@ impl Data<'_> {
     /// Whether the variance of the brightest level lies more than 3.5 standard errors below the
     /// fit to the others (three or more): the first sign of the full-well knee.
     fn below_the_rest(&self, top: usize, response: Option<Response>) -> Result<bool> {
-        if self.used.iter().filter(|u| **u).count() < LEAST_TO_JUDGE {
+        if self.used.iter().filter(|u| **u).count() < MIN_TO_JUDGE {
             return Ok(false);
         }
         let mut others = self.used.to_vec();

@@ -57,7 +57,7 @@ impl Default for Distortion {
 impl Distortion {
     /// Least slope of real over undistorted height at which the mapping still counts as
     /// invertible: the inverse is then at most twenty times as steep as the image.
-    const LEAST_SLOPE: f64 = 0.05;
+    const MIN_SLOPE: f64 = 0.05;
     /// Largest r that is examined: four times the height at which the coefficients are given,
     /// which no margin of a blur reaches.
     const LARGEST_R: f64 = 4.0;
@@ -84,7 +84,7 @@ impl Distortion {
         const STEPS: u32 = 400;
         let at = |i: u32| Self::LARGEST_R * f64::from(i) / f64::from(STEPS);
         (1..=STEPS)
-            .find(|&i| self.slope(at(i)) < Self::LEAST_SLOPE)
+            .find(|&i| self.slope(at(i)) < Self::MIN_SLOPE)
             .map_or(Self::LARGEST_R, |i| at(i - 1))
     }
 

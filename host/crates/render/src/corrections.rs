@@ -24,7 +24,7 @@ pub struct Corrections {
 const SHADING_NM: f64 = 555.0;
 /// Relative illumination below which the gain grows no further: where a lens vignettes to black
 /// there is only noise to amplify, and 100 is more gain than any raw converter is asked for.
-const LEAST_ILLUMINATION: f64 = 0.01;
+const MIN_ILLUMINATION: f64 = 0.01;
 /// Rows and columns of nodes of the gain map: those of the crosstalk table of Chen et al. 2009.
 const NODES: [u32; 2] = [13, 17];
 /// Deviation from the signal of a good pixel, relative to it, beyond which a pixel is listed as
@@ -51,7 +51,7 @@ fn shading(camera: &Camera) -> Result<Vec<Opcode>> {
     let (axis_x, axis_y) = lens.axis_mm();
     let gain = |x: f64, y: f64| {
         let ratio = illumination.at((x - 0.5) * width_mm - axis_x, (y - 0.5) * height_mm - axis_y);
-        1.0 / ratio.max(LEAST_ILLUMINATION)
+        1.0 / ratio.max(MIN_ILLUMINATION)
     };
     Ok(gain_maps(&sensor.cfa, size, NODES, gain))
 }

@@ -31,7 +31,7 @@ enum Wanted {
 const STEPS: f64 = 20.0;
 /// Largest ideal image height that is traced, over the sensor's: a fisheye of 170° has 8 times the
 /// height of its picture, and steps grow in number as it does.
-const MOST_OVER_IDEAL: f64 = 4.0;
+const MAX_OVER_IDEAL: f64 = 4.0;
 
 /// How far out a lens is traced.
 struct Largest {
@@ -48,7 +48,7 @@ impl Largest {
     fn of(system: &System, reach_mm: f64) -> Result<Self> {
         let ideal = system.field_of_paraxial_height(reach_mm).abs();
         let over = |deg: f64| system.paraxial_height_mm(deg) / reach_mm;
-        let far = |deg: &f64| *deg < 90.0 && over(*deg) <= MOST_OVER_IDEAL;
+        let far = |deg: &f64| *deg < 90.0 && over(*deg) <= MAX_OVER_IDEAL;
         match system.field_of_real_height(reach_mm).ok().filter(far) {
             Some(real) if real > ideal => {
                 Ok(Self { field_deg: real, over_ideal: over(real), note: None })

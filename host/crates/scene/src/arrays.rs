@@ -34,7 +34,7 @@ const OTHER_NAMES: [&str; 3] = ["fwhm", "width", "number"];
 const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
 const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
 /// Most entries of a list of wavelengths.
-const MOST_BANDS: usize = 1 << 16;
+const MAX_BANDS: usize = 1 << 16;
 /// Bands beyond which a last axis is more likely one of pixels, where the first is shorter.
 const MANY_BANDS: usize = 300;
 
@@ -224,7 +224,7 @@ pub(super) fn wavelengths(
         let count = shape.iter().fold(1usize, |n, &length| n.saturating_mul(length));
         let one_axis = shape.iter().filter(|&&n| n != 1).count() <= 1;
         let fits = of_bands.map_or(lengths.contains(&count), |n| *n == count);
-        one_axis && count <= MOST_BANDS && fits
+        one_axis && count <= MAX_BANDS && fits
     };
     let mut named = Vec::new();
     for (name, _) in list.iter().filter(|(_, shape)| fits(shape)) {

@@ -40,9 +40,9 @@ pub(super) fn refused(error: ::exr::error::Error) -> Error {
 }
 
 /// Most pixels of a band: 2 GiB of memory.
-const MOST_PIXELS: usize = 1 << 29;
+const MAX_PIXELS: usize = 1 << 29;
 /// Fewest bits of a sample: those of halves.
-const LEAST_BITS: usize = 16;
+const MIN_BITS: usize = 16;
 
 /// How the channels of a cube are named. Where a file has several, the first is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -97,7 +97,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let scale = scale(header, sidecar, &mut own);
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
     own.nm = Some(nm);
-    let (window, note) = Window::of(path, header, 1, MOST_PIXELS)?.whole_part();
+    let (window, note) = Window::of(path, header, 1, MAX_PIXELS)?.whole_part();
     own.notes.extend(note);
     let source = Channels {
         path: path.into(),
@@ -314,7 +314,7 @@ impl Window {
         let shown = header.shared_attributes.display_window;
         let size = (shown.size.width(), shown.size.height());
         let stored = (header.layer_size.width(), header.layer_size.height());
-        check_bytes(path, stored, LEAST_BITS * channels)?;
+        check_bytes(path, stored, MIN_BITS * channels)?;
         check_bytes(path, size, 1)?;
         for (width, height) in [stored, size] {
             if !width.checked_mul(height).is_some_and(|pixels| (1..=most).contains(&pixels)) {

@@ -123,7 +123,7 @@ fn doubles(dataset: &Dataset, first: u64, count: u64) -> Result<Vec<f64>> {
 const MAX_DEPTH: usize = 8;
 
 /// Bytes that a byte of a file unpacks to at most: deflate makes 1032.
-const MOST_PACKED: u64 = 1032;
+const MAX_PACKED: u64 = 1032;
 /// Bytes of an array that are read whatever the file's size.
 const ALWAYS_READ: u64 = 64 << 20;
 
@@ -138,7 +138,7 @@ fn checked(file_bytes: u64, name: &str, dataset: Dataset) -> Result<Dataset> {
     };
     let sample = dataset.element_size().map_err(refused)?;
     let size_of = |lengths: &[u64]| lengths.iter().fold(sample, |size, n| size.saturating_mul(*n));
-    let most = file_bytes.saturating_mul(MOST_PACKED).max(ALWAYS_READ);
+    let most = file_bytes.saturating_mul(MAX_PACKED).max(ALWAYS_READ);
     let bytes = size_of(&dataset.shape().map_err(refused)?);
     if bytes > most {
         return Err(impossible(format!("{bytes} bytes")));
@@ -188,7 +188,7 @@ pub fn large(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Box<dyn BandSo
     for name in names.into_iter().filter(|n| wanted.contains(&n.as_str())) {
         let shape = file.dataset(&name).and_then(|d| d.shape()).map_err(refused)?;
         let lengths: Vec<usize> = shape.iter().map(|&n| n as usize).collect();
-        if lengths.len() == 3 && samples(&lengths[1..]).is_none_or(|n| n > MOST_HELD) {
+        if lengths.len() == 3 && samples(&lengths[1..]).is_none_or(|n| n > MAX_HELD) {
             return Err(Error::limit(format!("array {name:?} of shape {lengths:?}")));
         }
         // HDF5 lists the slowest axis first: bands, columns, rows.
@@ -228,7 +228,7 @@ impl Planes {
         let dataset = dataset_of(&file, &self.name)?;
         let shape = dataset.chunk_shape().map_err(refused)?;
         let depth = shape.and_then(|s| s.first().copied()).unwrap_or(1);
-        let most = MOST_HELD / (self.width * self.height).max(1);
+        let most = MAX_HELD / (self.width * self.height).max(1);
         let depth = usize::try_from(depth).unwrap_or(1).clamp(1, most.max(1));
         let first = band / depth * depth;
         let count = depth.min(self.bands - first);
@@ -350,7 +350,7 @@ fn samples(lengths: &[usize]) -> Option<usize> {
 
 /// Most samples of an array or band that is held in memory: 512 MiB. An array whose bands come
 /// first is read band by band.
-const MOST_HELD: usize = 1 << 27;
+const MAX_HELD: usize = 1 << 27;
 
 /// An array as a cube; `axes` names its axes, slowest first.
 pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn BandSource>> {
@@ -369,7 +369,7 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
     if [width, height, bands].contains(&0) {
         return Err(Error::input(format!("array {name:?} of shape {shape:?} is empty")));
     }
-    let small = |lengths: &[usize]| samples(lengths).is_some_and(|n| n <= MOST_HELD);
+    let small = |lengths: &[usize]| samples(lengths).is_some_and(|n| n <= MAX_HELD);
     if axes.starts_with('b') && shape.len() == 3 && small(&[width, height]) {
         let (path, name, transposed) = (path.into(), name.into(), axes == "bxy");
         let held = Mutex::default();
@@ -378,7 +378,7 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
     }
     if !small(&lengths) {
         return Err(Error::limit(format!("array {name:?} of shape {shape:?}")).help(format!(
-            "more than {MOST_HELD} samples are read only where the bands come first; store it so"
+            "more than {MAX_HELD} samples are read only where the bands come first; store it so"
         )));
     }
     let (bytes, sample, big_endian) = match half(&dataset)? {
@@ -404,7 +404,7 @@ fn struct_of(
         let dataset = group.dataset(&name).map_err(refused)?;
         let mut shape: Vec<usize> =
             dataset.shape().map_err(refused)?.into_iter().map(|n| n as usize).collect();
-        if shape.len() > 2 || samples(&shape).is_none_or(|n| n > MOST_HELD) {
+        if shape.len() > 2 || samples(&shape).is_none_or(|n| n > MAX_HELD) {
             continue;
         }
         let dataset = checked(file_bytes, &name, dataset)?;

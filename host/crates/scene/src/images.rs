@@ -16,9 +16,9 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
 /// Most pages of a stack.
-const MOST_PAGES: usize = 4096;
+const MAX_PAGES: usize = 4096;
 /// Most pixels of a page: 2 GiB of memory as floats.
-const MOST_PIXELS: usize = 1 << 29;
+const MAX_PIXELS: usize = 1 << 29;
 /// Memory that a page may take beyond its samples.
 const MARGIN_BYTES: usize = 64 << 20;
 /// Numbers at the end of names that are wavelengths, nm.
@@ -274,7 +274,7 @@ fn png_samples(path: &Path) -> Result<Option<Vec<f32>>> {
     let mut reader = png_reader(path)?;
     let info = reader.info();
     let pixels = (info.width as usize).checked_mul(info.height as usize);
-    if pixels.is_none_or(|n| n > MOST_PIXELS) {
+    if pixels.is_none_or(|n| n > MAX_PIXELS) {
         return Err(Error::limit("a picture of too many pixels").at(path.display()));
     }
     let channels = match (info.color_type, info.bit_depth) {
@@ -343,7 +343,7 @@ fn stack(path: &Path) -> Result<Pages> {
         }
         if !decoder.more_images() {
             let total = width.checked_mul(height).and_then(|n| n.checked_mul(samples));
-            if total.is_none_or(|n| n > MOST_PIXELS) {
+            if total.is_none_or(|n| n > MAX_PIXELS) {
                 return Err(Error::limit("pages of too many pixels"));
             }
             decoder.seek_to_image(0).map_err(failed)?;
@@ -352,8 +352,8 @@ fn stack(path: &Path) -> Result<Pages> {
             let (size, kind) = (page.size, page.kind);
             return Ok(Pages { size, kind, samples, pages, orientation, gdal });
         }
-        if pages == MOST_PAGES {
-            return Err(Error::limit(format!("more than {MOST_PAGES} pages")));
+        if pages == MAX_PAGES {
+            return Err(Error::limit(format!("more than {MAX_PAGES} pages")));
         }
         decoder.next_image().map_err(failed)?;
     }

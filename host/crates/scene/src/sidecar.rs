@@ -118,9 +118,9 @@ impl Sidecar {
         own: Option<Vec<f64>>,
         usual: Option<(f64, String)>,
     ) -> Result<(Vec<f64>, Option<String>)> {
-        if bands > MOST_BANDS {
+        if bands > MAX_BANDS {
             return Err(Error::limit(format!("a cube of {bands} bands"))
-                .help(format!("at most {MOST_BANDS} are read; is the order of axes right?")));
+                .help(format!("at most {MAX_BANDS} are read; is the order of axes right?")));
         }
         if let Some(given) = self.given(bands) {
             return Ok((given?, None));
@@ -172,7 +172,7 @@ pub(super) struct Own {
 }
 
 /// Most bands of a cube: far more than any spectrometer has.
-const MOST_BANDS: usize = 1 << 16;
+const MAX_BANDS: usize = 1 << 16;
 /// Step of the bands of the public sets of scenes, nm.
 const USUAL_STEP_NM: f64 = 10.0;
 

@@ -30,7 +30,7 @@ const COVARIES: f64 = 0.5;
 /// Standard errors from which the held-out frames show it.
 const SEEN_AGAIN: f64 = 4.0;
 /// Share of the mean power that a bin keeps, whatever is taken out of it.
-const LEAST_POWER: f64 = 0.1;
+const MIN_POWER: f64 = 0.1;
 /// Pixels of a line that are left out at each end: the border's moments are its neighbours'.
 const BORDER: usize = 1;
 
@@ -240,7 +240,7 @@ impl Droop {
         let own = Spectrum::of(v);
         let (w, h) = (t.width, t.height);
         let columns = w / 2 + 1;
-        let floor = LEAST_POWER * mean(&t.pixel_variance);
+        let floor = MIN_POWER * mean(&t.pixel_variance);
         for (i, p) in power.iter_mut().enumerate().filter(|(_, p)| **p > 0.0) {
             let (x, y) = (i % columns, i / columns);
             let k = if self.side.rows { x } else { y.min(h - y) };

@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 const KNOTS: usize = 32;
 const FARTHEST: f64 = 6.0;
 /// Pixels without which there is no law to tell.
-const LEAST_PIXELS: usize = 5;
+const MIN_PIXELS: usize = 5;
 /// Share of its offset by which a pixel may differ in a longer dark, and the standard errors.
 const GROWS: (f64, f64) = (0.25, 4.0);
 /// Variance over that of all pixels from which they are noisier ones.
@@ -93,7 +93,7 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
     let candidates: Vec<usize> = (0..a.len()).filter(seen).collect();
     let found: Vec<usize> = candidates.iter().copied().filter(stays).collect();
     // Where most of them grow, few that happen not to are no kind of their own.
-    if longer.is_empty() || found.len() < LEAST_PIXELS || 2 * found.len() < candidates.len() {
+    if longer.is_empty() || found.len() < MIN_PIXELS || 2 * found.len() < candidates.len() {
         return None;
     }
     let variance = found.iter().map(|&i| f64::from(t.pixel_variance[i])).sum::<f64>();

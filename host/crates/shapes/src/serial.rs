@@ -41,7 +41,7 @@ const SHOWN_LAGS: usize = 24;
 /// Share of the evidence that the held-out frames must give.
 const HELD_OUT: f64 = 0.25;
 /// Frequencies without which a line tells nothing.
-const LEAST_BINS: usize = 8;
+const MIN_BINS: usize = 8;
 /// Turns of the golden section: 5·10⁻⁴ of the range.
 const TURNS: usize = 16;
 /// Passes in which the weights of a fit settle.
@@ -249,7 +249,7 @@ fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estim
 fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Serial> {
     let (a, b) = (spectra(fit_view, along_rows), spectra(held_out, along_rows));
     let (bins, length) = (a.first()?.power.len(), a.first()?.length);
-    if bins < LEAST_BINS || !a.iter().any(|s| !s.flat) {
+    if bins < MIN_BINS || !a.iter().any(|s| !s.flat) {
         return None;
     }
     let (correlation, evidence) = likeliest(&a, &b)?;

@@ -17,7 +17,7 @@ use camrig_sensor_core::effects::empirical::Quantity;
 /// Time constants after which a decay is over: a thousandth is left.
 const OVER: f64 = 7.0;
 /// Frames of a decay, at most: those that a quarter of a sensor's tables holds.
-const MOST_FRAMES: usize = 128;
+const MAX_FRAMES: usize = 128;
 
 struct StartUp {
     curve: Curve,
@@ -37,7 +37,7 @@ pub(crate) fn of(camera: &Camera, design: &Design, curve: Curve) -> Option<Box<d
             && (matches!(curve.shape, Course::Decay(_)) || c.stack.total == frames)
     };
     let short = match curve.shape {
-        Course::Decay(tau) => OVER * tau < MOST_FRAMES as f64,
+        Course::Decay(tau) => OVER * tau < MAX_FRAMES as f64,
         Course::Line => true,
     };
     let sound = short && design.conditions.iter().all(alike);

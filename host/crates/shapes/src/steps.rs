@@ -13,7 +13,7 @@ const SMOOTH: [(usize, usize); 4] = [(0, 0), (4, 0), (4, 6), (4, 19)];
 /// Lines for each free parameter of a smooth law, without which it is not tried.
 const LINES_PER_TERM: usize = 4;
 /// Steps of a profile, at most: sensors with 8 taps side by side.
-const MOST_STEPS: usize = 7;
+const MAX_STEPS: usize = 7;
 /// Share of the lines at each end, and their least number, in which no step is looked for: a border
 /// that settles is no tap.
 const END: (usize, usize) = (32, 4);
@@ -128,7 +128,7 @@ pub(crate) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
             let next = basis.apart(profile.to_vec());
             // By as many lines as what is left tells of: the step itself makes them follow.
             let ratio = dot(&rest, &rest) / dot(&next, &next).max(1e-300);
-            if independent(&next) * libm::log(ratio) < limit || at.len() == MOST_STEPS {
+            if independent(&next) * libm::log(ratio) < limit || at.len() == MAX_STEPS {
                 break;
             }
             at.push(j);

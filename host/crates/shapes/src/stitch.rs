@@ -22,7 +22,7 @@ use camrig_linear::{LeastSquares, Matrix, Vector};
 use camrig_sensor_core::effects::empirical::Quantity;
 
 /// Flats without which no step is told from a smooth law.
-const LEAST_FLATS: usize = 5;
+const MIN_FLATS: usize = 5;
 /// Exponents of the smooth law.
 const EXPONENTS: [f64; 8] = [0.5, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0];
 /// Relative scatter of the light that is allowed where the flats do not show more: that of a
@@ -114,7 +114,7 @@ fn levels(view: &View<'_>) -> Option<Vec<Level>> {
         });
     }
     out.sort_by(|a, b| a.signal.total_cmp(&b.signal));
-    (out.iter().filter(|l| l.flat).count() >= LEAST_FLATS).then_some(out)
+    (out.iter().filter(|l| l.flat).count() >= MIN_FLATS).then_some(out)
 }
 
 /// Weighted least squares: the last coefficient with its standard error, and χ².
@@ -243,7 +243,7 @@ fn steps(a: &[Level], b: &[Level]) -> Vec<Tried> {
             levels.remove(i);
             levels
         };
-        let enough = a.iter().filter(|l| l.flat).count() > LEAST_FLATS && at + 1 < a.len();
+        let enough = a.iter().filter(|l| l.flat).count() > MIN_FLATS && at + 1 < a.len();
         let astride = enough.then(|| [without(a, at), without(b, at)]);
         [
             Tried::new([a.to_vec(), b.to_vec()], at, None),

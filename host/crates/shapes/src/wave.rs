@@ -22,7 +22,7 @@ use camrig_sensor_core::effects::empirical::Quantity;
 use std::f64::consts::{LN_2, PI, TAU};
 
 /// Waves of a map, at most: harmonics and beats of a clock.
-const MOST_WAVES: usize = 8;
+const MAX_WAVES: usize = 8;
 /// Maps that are searched.
 const MAPS: [MapKind; 3] = [MapKind::Offset, MapKind::DarkCurrent, MapKind::Gain];
 /// Lines after which every pattern of the catalogue repeats: readout channels of 2, 4 or 8 lines,
@@ -63,7 +63,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
         let border = [pattern.width, pattern.height].map(usize::from);
         let [mut a, mut b] = [fit.levelled(a), held_out.levelled(b)];
         [&mut a, &mut b].into_iter().for_each(|plane| clear_border(plane, border));
-        for _ in 0..MOST_WAVES {
+        for _ in 0..MAX_WAVES {
             let Some(wave) = strongest(&mut a, &mut b, kind, fit.unit(kind), border) else {
                 break;
             };

@@ -24,7 +24,7 @@ const SAMPLES_FOR_DIFFERENCES: f64 = 250.0;
 /// gives none once in 10¹³.
 const SAMPLES_AROUND_MISSING: f64 = 30.0;
 /// Fourth differences from which their mean square is a statistic.
-const LEAST_DIFFERENCES: f64 = 30.0;
+const MIN_DIFFERENCES: f64 = 30.0;
 /// 1 + 2 Σ ρ² of fourth differences, which share codes: by so much fewer are independent.
 const SHARED_CODES: f64 = 2.3;
 
@@ -63,7 +63,7 @@ pub(super) fn statistics(stacks: &[Temporal], summaries: &[Summary], out: &mut C
         count += 1.0;
         missing += f64::from(w[2] == 0.0 && w[1].min(w[3]) > SAMPLES_AROUND_MISSING);
     }
-    if count > LEAST_DIFFERENCES {
+    if count > MIN_DIFFERENCES {
         let sd = (2.0 * SHARED_CODES / count).sqrt();
         out.add(What::Roughness, sum / count, sd, Scale::Log);
         out.add(What::MissingCodes, missing, 1.0, Scale::Count);

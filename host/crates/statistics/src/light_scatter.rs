@@ -20,7 +20,7 @@ const SAID: f64 = 2.0 * ASSUMED;
 /// scatter of the lamp.
 const BELOW_KNEE: f64 = 0.85;
 /// Flats below the knee from which a quadratic leaves degrees of freedom to speak of: two.
-const LEAST_FLATS: usize = 5;
+const MIN_FLATS: usize = 5;
 /// Reduced χ² above which flats scatter more than their noise: with two degrees of freedom noise
 /// alone gives more once in 4.5 sets, with ten once in eight.
 const EXPECTED_CHI: f64 = 1.5;
@@ -135,7 +135,7 @@ fn scatter(design: &Design, values: &Values, series: &[usize], class: u8) -> Opt
         .collect();
     let top = points.iter().map(|p| p.0).fold(0.0, f64::max);
     let points: Vec<_> = points.into_iter().filter(|p| p.0 < BELOW_KNEE * top).collect();
-    if points.len() < LEAST_FLATS {
+    if points.len() < MIN_FLATS {
         return None;
     }
     let rows = points.len();

@@ -16,7 +16,7 @@ use camrig_captures::Role;
 /// that of the sensor. Half, because a smaller share is a statistic that the model predicts too.
 const SATURATED_STACK: f64 = 0.5;
 /// Pixel variance, DN², below which a stack is taken to have no noise: all samples have one code.
-const LEAST_VARIANCE_DN2: f64 = 1e-3;
+const MIN_VARIANCE_DN2: f64 = 1e-3;
 /// Least share of samples for the binomial law, and the standard deviation added to it: of 10⁷
 /// samples one, and what a single defective pixel in a million changes.
 const SHARE_FLOOR: (f64, f64) = (1e-7, 1e-6);
@@ -123,7 +123,7 @@ pub(super) fn statistics(t: &Temporal, c: &Condition, s: &Summary, out: &mut Col
     };
     out.add(What::Zeros, zeros, fraction(zeros), Scale::Linear);
     out.add(What::Saturated, saturated, fraction(saturated), Scale::Linear);
-    if saturated > SATURATED_STACK || s.mean_variance < LEAST_VARIANCE_DN2 {
+    if saturated > SATURATED_STACK || s.mean_variance < MIN_VARIANCE_DN2 {
         return;
     }
     let k = s.variance.len() as f64;

@@ -45,7 +45,7 @@ const LONGEST_EXPOSURE_S: f64 = 10.0;
 /// Signal of the edge's bright side as a fraction of the range: half, and what is near enough to
 /// it. Noise falls with light, and nothing saturates.
 const FILL: f64 = 0.5;
-const LEAST_FILL: f64 = 0.3;
+const MIN_FILL: f64 = 0.3;
 /// Least and largest factor between two exposures of the search: it must go on where the signal is
 /// that of rounding, and must not overshoot where a dark frame says next to nothing.
 const STEP: (f64, f64) = (1.5, 20.0);
@@ -161,7 +161,7 @@ fn edges(camera: &Camera) -> Result<(Vec<Edge>, Vec<String>)> {
         sorted.sort_unstable();
         let bright = f64::from(sorted[sorted.len() * 99 / 100]) - frame.black_level_dn;
         let range = f64::from(frame.white_level_dn) - frame.black_level_dn;
-        if bright > LEAST_FILL * range || seconds > LONGEST_EXPOSURE_S {
+        if bright > MIN_FILL * range || seconds > LONGEST_EXPOSURE_S {
             break frame;
         }
         seconds *= (FILL * range / bright.max(1.0)).clamp(STEP.0, STEP.1);

@@ -226,7 +226,7 @@ fn radial(&[x, y]: &[f64; 2]) -> f64 {
 }
 
 /// Most steps of a range of wavelengths: 0.3 nm over the visible.
-const MOST_STEPS: f64 = 1000.0;
+const MAX_STEPS: f64 = 1000.0;
 /// Part of a step by which the end of a range may be missed through rounding and still belongs to
 /// it.
 const STEP_ROUNDING: f64 = 1e-9;
@@ -244,7 +244,7 @@ fn wavelengths(text: &str) -> Result<Wavelengths, String> {
     let parts: Result<Vec<f64>, String> = text.split(':').map(arguments::positive).collect();
     match parts?[..] {
         [nm] => Ok(Wavelengths(vec![nm])),
-        [first, step, last] if last >= first && (last - first) / step <= MOST_STEPS => {
+        [first, step, last] if last >= first && (last - first) / step <= MAX_STEPS => {
             let count = ((last - first) / step + STEP_ROUNDING).floor() as usize;
             Ok(Wavelengths((0..=count).map(|i| first + step * i as f64).collect()))
         }

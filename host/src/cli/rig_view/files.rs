@@ -10,7 +10,7 @@ use camrig_render as render;
 use std::path::{Path, PathBuf};
 
 /// Names that are tried for a file: a folder with more of them is full of something else.
-const MOST_NAMES: u32 = 10_000;
+const MAX_NAMES: u32 = 10_000;
 
 /// Writes a frame as a DNG, as `camrig simulate` does, under a name of its own.
 ///
@@ -49,11 +49,11 @@ fn stem(camera: &Camera) -> String {
 
 /// A name in a folder that no file has.
 fn free(folder: &Path, stem: &str, extension: &str) -> Result<PathBuf> {
-    let numbered = (2..MOST_NAMES).map(|n| format!("{stem}-{n}.{extension}"));
+    let numbered = (2..MAX_NAMES).map(|n| format!("{stem}-{n}.{extension}"));
     let mut names = std::iter::once(format!("{stem}.{extension}")).chain(numbered);
     let name = names.find(|name| !folder.join(name).exists());
     let full = || {
-        Error::limit(format!("there are {MOST_NAMES} files {stem}"))
+        Error::limit(format!("there are {MAX_NAMES} files {stem}"))
             .at(folder.display())
             .help("move them elsewhere")
     };

@@ -157,10 +157,10 @@ pub struct Response {
 }
 
 /// Taps of noise, at most.
-const MOST_TAPS: usize = 4;
+const MAX_TAPS: usize = 4;
 /// Terms of a map, at most, and knots over columns or rows.
-const MOST_TERMS: usize = 4;
-const MOST_KNOTS: usize = 64;
+const MAX_TERMS: usize = 4;
+const MAX_KNOTS: usize = 64;
 /// Greatest standard normal deviate that a pixel may have.
 const GREATEST_DEVIATE: f64 = 7.0;
 
@@ -357,14 +357,14 @@ impl Sine {
 
 impl Map {
     fn check(&self, wrong: &mut Vec<Error>) {
-        let terms = (1..=MOST_TERMS).contains(&self.term.len());
+        let terms = (1..=MAX_TERMS).contains(&self.term.len());
         require(wrong, terms, &format!("{} [[term]]", self.term.len()), "use 1 to 4");
         let Some(first) = self.term.first() else { return };
         let sizes = |t: &Term| (t.columns.len(), t.rows.len());
         let alike = self.term.iter().all(|t| sizes(t) == sizes(first));
         require(wrong, alike, "terms of unlike sizes", "give all as many knots");
         let (columns, rows) = sizes(first);
-        let sound = [columns, rows].iter().all(|n| (1..=MOST_KNOTS).contains(n));
+        let sound = [columns, rows].iter().all(|n| (1..=MAX_KNOTS).contains(n));
         let what = format!("{columns} knots over columns and {rows} over rows");
         require(wrong, sound, &what, "use 1 to 64 each");
     }
@@ -381,7 +381,7 @@ impl Noise {
         let one = self.taps.is_some() != self.length.is_some();
         require(wrong, one, "both or neither of \"taps\" and \"length\"", "give one of them");
         if let Some(taps) = &self.taps {
-            let sound = (1..=MOST_TAPS).contains(&taps.len()) && taps.iter().any(|t| *t != 0.0);
+            let sound = (1..=MAX_TAPS).contains(&taps.len()) && taps.iter().any(|t| *t != 0.0);
             require(wrong, sound, "\"taps\"", "use 1 to 4 numbers, not all 0");
         }
         if let Some(length) = &self.length {

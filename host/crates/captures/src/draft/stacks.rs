@@ -20,7 +20,7 @@ const LIT_SHARE: f64 = 0.05;
 const EVEN_SPREAD: f64 = 0.4;
 const SIDE_SPREAD: f64 = 0.1;
 /// Share of blocks that each side of an edge has at least, and both together.
-const LEAST_SIDE: f64 = 0.15;
+const MIN_SIDE: f64 = 0.15;
 const BOTH_SIDES: f64 = 0.85;
 
 /// A stack to be.
@@ -230,7 +230,7 @@ impl Scale {
         } else if share >= LIT_SHARE && spread < EVEN_SPREAD * mean {
             guess(Role::Flat, "an even field")
         } else if share >= LIT_SHARE
-            && side(low).min(side(high)) >= LEAST_SIDE
+            && side(low).min(side(high)) >= MIN_SIDE
             && side(low) + side(high) >= BOTH_SIDES
         {
             guess(Role::Edge, "two even sides, a mean")

@@ -9,7 +9,7 @@
 //! summed over the stacks whose density is smooth over the codes that bit b divides, solved for
 //! all bits at once by Newton's method. Counts scatter as Poisson's do.
 
-use super::proposal::{LEAST_STRENGTH, Proposal};
+use super::proposal::{MIN_STRENGTH, Proposal};
 use crate::data::channels::Channels;
 use crate::evidence::{Estimated, Evidence};
 use crate::model::effects::current;
@@ -34,7 +34,7 @@ const KEYS: [&str; BITS + 1] = [
 ];
 /// Significance, standard errors, below which a bit is taken to be right. It is that from which
 /// candidates are simulated, so that no bit is named that would not be tried alone.
-const SIGNIFICANT: f64 = LEAST_STRENGTH;
+const SIGNIFICANT: f64 = MIN_STRENGTH;
 /// Steps of Newton's method: products of errors, 0.03 of one of 0.2, are gone after the second.
 const NEWTON: usize = 4;
 /// Standard deviation of the samples, in weights of a bit, from which their density is smooth over
@@ -42,10 +42,10 @@ const NEWTON: usize = 4;
 /// exp(−π²σ²/2h²), 2e-5 at σ = 1.5 h.
 const SMOOTH_FROM: f64 = 1.5;
 /// Least width of a code, DN: one that is missing altogether says no more than a very narrow one.
-const LEAST_WIDTH_DN: f64 = 0.05;
+const MIN_WIDTH_DN: f64 = 0.05;
 /// Largest share of samples at the ends of the scale with which a stack is used: what is cut off
 /// bends the density near the ends.
-const MOST_AT_ENDS: f64 = 1e-4;
+const MAX_AT_ENDS: f64 = 1e-4;
 
 /// The samples of a stack.
 struct Codes<'a> {
@@ -93,7 +93,7 @@ fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
             for (code, &count) in stack.histogram.iter().enumerate().filter(|(_, h)| **h > 0) {
                 let widened: Vec<f64> = bits.iter().map(|&b| widening(b, code)).collect();
                 let width = 1.0 + widened.iter().zip(&errors).map(|(d, e)| d * e).sum::<f64>();
-                let density = f64::from(count) / width.max(LEAST_WIDTH_DN);
+                let density = f64::from(count) / width.max(MIN_WIDTH_DN);
                 for i in (0..n).filter(|&i| smooth[i]) {
                     sums[i] += widened[i] * density;
                     for j in 0..n {
@@ -140,7 +140,7 @@ pub fn adc_steps(e: &Evidence<'_>) -> Option<Proposal> {
     let inside = |t: &&Temporal| {
         let ends = [t.histogram.first(), t.histogram.last()].into_iter().flatten();
         let ends: f64 = ends.map(|&h| f64::from(h)).sum();
-        ends <= MOST_AT_ENDS * (t.mean.data.len() * t.frames) as f64
+        ends <= MAX_AT_ENDS * (t.mean.data.len() * t.frames) as f64
     };
     let channels = Channels::new(e.camera);
     let stacks: Vec<Codes<'_>> =

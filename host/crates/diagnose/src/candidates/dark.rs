@@ -31,9 +31,9 @@ use camrig_sensor_core::effects::{
 const OUTLIER_SD: f64 = 5.5;
 /// Smallest mean of hot pixels, in outlier limits. Of pixels that all lie at the limit the mean
 /// excess would be none, and the number of those below the limit without bound.
-const LEAST_HOT: f64 = 0.05;
+const MIN_HOT: f64 = 0.05;
 /// Largest share of hot pixels. More of them are no outliers but the law of dark current.
-const MOST_HOT: f64 = 0.1;
+const MAX_HOT: f64 = 0.1;
 /// Standard error of the share of hot pixels in Poisson errors of their count: the share below the
 /// limit follows from the mean excess, which is uncertain by as much. Chosen, not measured.
 const HOT_SHARE_ERROR: f64 = 1.5;
@@ -41,7 +41,7 @@ const HOT_SHARE_ERROR: f64 = 1.5;
 /// says something of the doubling: below it the error of the temperature itself counts most.
 const TEMPERATURE_STEP_K: f64 = 2.0;
 /// Least 1/T_d, 1/K: the effect's longest doubling is 100 K.
-const LEAST_INVERSE_DOUBLING: f64 = 0.01;
+const MIN_INVERSE_DOUBLING: f64 = 0.01;
 
 /// The dark current of a model with other figures.
 fn with_dark_current(noise: &Noise, mean: f64, dsnu: f64, doubling_c: f64) -> DarkCurrent {
@@ -74,7 +74,7 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
         return None;
     }
     // Beyond a limit an exponential law has its mean above it.
-    let mean = ((s.high_sum / high.seen - limit) * per_unit).max(LEAST_HOT * limit * per_unit);
+    let mean = ((s.high_sum / high.seen - limit) * per_unit).max(MIN_HOT * limit * per_unit);
     let more = (high.seen - high.expected).max(0.0);
     let fraction = if present > 0.0 {
         present * (high.seen / high.expected.max(1.0))
@@ -87,7 +87,7 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
         .map_or(1.0, |i| dark_growth(noise, e.design.conditions[i].stack.temperature_c));
     let mean = mean / growth;
     let effect = HotPixels {
-        fraction: fraction.min(MOST_HOT) as f32,
+        fraction: fraction.min(MAX_HOT) as f32,
         mean_e_per_s: mean as f32,
         doubling_c: noise.dark_doubling_c as f32,
         reference_c: noise.temperature_ref_c as f32,
@@ -181,7 +181,7 @@ pub fn doubling(e: &Evidence<'_>) -> Option<Proposal> {
     let all = e.of_role(Role::Dark).flat_map(|(i, _)| (0..channel_count(e)).map(move |k| (i, k)));
     let shift = pooled(all.filter_map(|(i, channel)| doubling_shift(e, reference, i, channel)))?;
     let inverse = 1.0 / noise.dark_doubling_c + shift.value;
-    if inverse <= LEAST_INVERSE_DOUBLING {
+    if inverse <= MIN_INVERSE_DOUBLING {
         return None;
     }
     let value = 1.0 / inverse;

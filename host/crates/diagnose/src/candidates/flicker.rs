@@ -31,7 +31,7 @@ const AROUND: usize = 12;
 /// Least frequency of a wave, in cycles per frame height: about half a wave, below which it cannot
 /// be told from a slope. The search starts no lower than the first value, and its steps end at the
 /// second.
-const LEAST_CYCLES: [f64; 2] = [0.5, 0.45];
+const MIN_CYCLES: [f64; 2] = [0.5, 0.45];
 /// First step of the search for the frequency between bins, in bins; each round is ten times
 /// finer.
 const FIRST_STEP_BINS: f64 = 0.1;
@@ -53,7 +53,7 @@ const FINE: i32 = 20;
 /// frequency: two standard deviations.
 const MAINS_PREFERRED: f64 = 4.0;
 /// Least sinc² by which a square is divided: an exposure of whole periods shows no wave.
-const LEAST_SINC_SQUARED: f64 = 1e-9;
+const MIN_SINC_SQUARED: f64 = 1e-9;
 /// Turns in which the depth and the scatter that follows from it settle.
 const TURNS: usize = 4;
 
@@ -213,14 +213,14 @@ fn white_beside(stack: &Temporal, at: usize) -> Option<f64> {
 /// Cycles per row near a peak of the power with which most changes from frame to frame, in `h`
 /// rows.
 fn between_bins(flats: &[Flat<'_>], peak: f64, h: f64, period: usize) -> Option<f64> {
-    let (mut cycles, mut step) = (peak.max(LEAST_CYCLES[0] / h), FIRST_STEP_BINS / h);
+    let (mut cycles, mut step) = (peak.max(MIN_CYCLES[0] / h), FIRST_STEP_BINS / h);
     for _ in 0..ROUNDS {
         let near = (-STEPS..=STEPS).map(|i| cycles + f64::from(i) * step);
         let power = |cycles: f64| {
             let wave = Wave::new(cycles, h as usize, period);
             flats.iter().map(|f| f.weight() * wave.changing(f.stack)).sum::<f64>()
         };
-        let tried = near.filter(|f| *f > LEAST_CYCLES[1] / h && *f < 0.5).map(|f| (f, power(f)));
+        let tried = near.filter(|f| *f > MIN_CYCLES[1] / h && *f < 0.5).map(|f| (f, power(f)));
         cycles = tried.max_by(|a, b| a.1.total_cmp(&b.1))?.0;
         step /= 10.0;
     }
@@ -296,7 +296,7 @@ fn centre<'a>(stacks: impl Iterator<Item = (&'a Vec<[f64; 2]>, f64)>) -> [f64; 2
 /// The scatter of squares is that of their fitted values, since that of the measured ones would
 /// favour the small.
 fn depth_squared(bands: &[Band], f: f64) -> Option<(Estimated, f64)> {
-    let seen = |b: &Band| sinc(f * b.exposure_s).powi(2).max(LEAST_SINC_SQUARED);
+    let seen = |b: &Band| sinc(f * b.exposure_s).powi(2).max(MIN_SINC_SQUARED);
     let mut found = Estimated { value: 0.0, se: f64::INFINITY };
     for _ in 0..TURNS {
         let fitted = found.value.max(0.0);

@@ -14,7 +14,7 @@
 //! nothing and has that alone.
 
 use super::common::present;
-use super::proposal::{LEAST_STRENGTH, Proposal};
+use super::proposal::{MIN_STRENGTH, Proposal};
 use crate::data::channels::Channels;
 use crate::data::design::Condition;
 use crate::evidence::{Estimated, Evidence, pooled, slope};
@@ -115,7 +115,7 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
             one.se = (one.se.powi(2) - known).sqrt();
         }
         // Means alone are no ground for it: `optical-crosstalk` moves them alike.
-        if strength > LEAST_STRENGTH || present.is_some() {
+        if strength > MIN_STRENGTH || present.is_some() {
             strength = libm::hypot(strength, means.z());
         }
     }
@@ -148,7 +148,7 @@ pub fn brighter_fatter(e: &Evidence<'_>) -> Option<Proposal> {
     };
     if let Some(means) = agreeing(found, leaning(e, &half_squares)) {
         found = pooled([found, means])?;
-        if strength > LEAST_STRENGTH || present.is_some() {
+        if strength > MIN_STRENGTH || present.is_some() {
             strength = libm::hypot(strength, means.z());
         }
     }

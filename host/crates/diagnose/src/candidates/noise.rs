@@ -32,7 +32,7 @@ use camrig_sensor_core::effects::{
 /// a tenth of the dark charge is then a hundredth of the variance.
 const LITTLE_DARK_CHARGE: f64 = 0.1;
 /// Least spread by which the error of the spread is divided: at none the derivative is none.
-const LEAST_SPREAD: f64 = 0.01;
+const MIN_SPREAD: f64 = 0.01;
 /// Standard normal deviate whose tail, 0.001, is what an outlying variance passes by chance.
 const OUTLYING: f64 = 3.1;
 /// The tail of [`OUTLYING`].
@@ -49,7 +49,7 @@ const RENEWALS: [f64; 2] = [0.03, 1.0];
 const TELEGRAPH_SHARE_ERROR: f64 = 2.0;
 /// Excess kurtosis of read noise below which no tails are proposed: a little above the smallest
 /// that the `small` design of `tests/hidden` can show, 0.014.
-const LEAST_KURTOSIS: f64 = 0.02;
+const MIN_KURTOSIS: f64 = 0.02;
 /// The λ of a part of the read noise in longer tails than all of it would have, the rest being
 /// normal: so the fourth and sixth cumulants of Student's t, 6/(ν−4) and 240/((ν−4)(ν−6)), are met
 /// to some per cent. Clear of 0, about which the effect keeps to the logistic law, and of the rare
@@ -137,7 +137,7 @@ pub fn read_noise_spread(e: &Evidence<'_>) -> Vec<Proposal> {
     let target = ((now + excess.value) / (read * read)).max(0.0);
     let g = 0.5 + (0.25 + target).sqrt();
     let s = (libm::log(g) / 4.0).sqrt();
-    let se = excess.se / (read * read) / (8.0 * s.max(LEAST_SPREAD) * g * (2.0 * g - 1.0));
+    let se = excess.se / (read * read) / (8.0 * s.max(MIN_SPREAD) * g * (2.0 * g - 1.0));
     let effect = ReadNoiseSpread { spread: s as f32 };
     let alone =
         Proposal::new("read-noise-spread", effect.into(), excess.z().abs()).with("spread", s, se);
@@ -336,7 +336,7 @@ fn tails(e: &Evidence<'_>) -> Option<Vec<Proposal>> {
     // The kurtosis of a sum is that of the part with tails times the square of its share.
     let dilution = (v / (read * read)).powi(2);
     let target = now + kurtosis.value * dilution;
-    if target < LEAST_KURTOSIS {
+    if target < MIN_KURTOSIS {
         return None;
     }
     let part = (target / tukey_kurtosis(LONGER)).sqrt();

@@ -16,7 +16,7 @@
 //! back what they had absorbed of it; a quantum efficiency gives back the mean of a shading. The
 //! search repeats the estimate with the same J (the chord method), and at its end with new ones.
 
-use super::proposal::{LEAST_STRENGTH, Proposal};
+use super::proposal::{MIN_STRENGTH, Proposal};
 use super::response;
 use crate::data::channels::Channels;
 use crate::evidence::{Estimated, Evidence, Slope};
@@ -66,21 +66,21 @@ const KINDS: [(&str, &[Free]); 9] = [
 /// Significance, standard errors, that each further parameter must add for a kind to have it: the
 /// price of a parameter is its square in the sum of squares. It is that from which candidates are
 /// simulated.
-const KEEP: f64 = LEAST_STRENGTH;
+const KEEP: f64 = MIN_STRENGTH;
 /// Price of a second kind, in parameters: where a shading of single channels and the one that they
 /// share need as many parameters, the one kind is preferred.
 const SECOND_KIND: f64 = 0.5;
 /// Largest deviation, standard deviations, of figures that agree with the model. A kind that is
 /// not named is not estimated where all agree.
-const AGREES: f64 = LEAST_STRENGTH;
+const AGREES: f64 = MIN_STRENGTH;
 /// Least share of a parameter's effect, squared, that the other free parameters must leave; below
 /// it they are confounded, and the normal equations singular but for rounding.
 const APART: f64 = 1e-4;
 /// Least norm, standard deviations per unit, of what a parameter does to the figures; below it is
 /// rounding, and the parameter does nothing.
-const LEAST_CHANGE: f64 = 1e-9;
+const MIN_CHANGE: f64 = 1e-9;
 /// Least standard deviation of a figure on its scale: a divisor that is not 0.
-const LEAST_SD: f64 = 1e-12;
+const MIN_SD: f64 = 1e-12;
 /// Secant steps for `defocus`, which acts by its square.
 const SECANTS: usize = 4;
 /// Largest growth of the shift from one secant step to the next: blur saturates, and a longer step
@@ -260,7 +260,7 @@ impl Residual {
         let wanted = |k: &Key| matches!(k.0, Place::Target(_)) || of_falls(k.1);
         for (key, s) in e.data.iter().filter(|(k, _)| wanted(k)) {
             let Some(p) = e.model.of.get(key) else { continue };
-            let sd = libm::hypot(p.sd, e.allowance.get(key).copied().unwrap_or(0.0)).max(LEAST_SD);
+            let sd = libm::hypot(p.sd, e.allowance.get(key).copied().unwrap_or(0.0)).max(MIN_SD);
             out.keys.push(*key);
             out.sd.push(sd);
             z.push((p.scale.of(s.value) - p.scaled) / sd);
@@ -297,7 +297,7 @@ fn columns(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Vec<Col
         let change = residual.scaled(&slope);
         let in_maps = in_maps.values().any(|s| *s != 0.0);
         let present = value as f32 != neutral as f32;
-        (change.norm() > LEAST_CHANGE).then_some(Column { kind, key, change, present, in_maps })
+        (change.norm() > MIN_CHANGE).then_some(Column { kind, key, change, present, in_maps })
     });
     all.collect()
 }

@@ -10,7 +10,7 @@ use camrig_sensor_core::effects::{Effect, Parameter};
 /// Significance, standard errors, from which a candidate is simulated, and that a named effect
 /// must keep against replicates without it. With some 45 estimators a normal deviate of 4 occurs
 /// by chance in one set of 350; what it lets through is judged by simulation.
-pub const LEAST_STRENGTH: f64 = 4.0;
+pub const MIN_STRENGTH: f64 = 4.0;
 
 /// A change of the model that would explain deviations.
 #[derive(Clone, Debug)]

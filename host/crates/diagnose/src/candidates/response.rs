@@ -42,7 +42,7 @@ const EXPONENT_STEPS: usize = 20;
 /// Largest change of the exponent at a time, where the model has one.
 const EXPONENT_CHANGE: f64 = 1.0;
 /// Least number of means of flats from which a nonlinearity of three parameters is fitted.
-const LEAST_POINTS: usize = 4;
+const MIN_POINTS: usize = 4;
 /// Singular values below this share of the largest one are taken as none.
 const SINGULAR: f64 = 1e-9;
 /// Least ratio of the longest to the shortest exposure of flats that shows an exposure offset.
@@ -278,7 +278,7 @@ fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend>
 /// known. Where the model has a quantum efficiency of its own, that keeps the scale.
 pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
     let points = levels_and_signals(e);
-    if points.len() < LEAST_POINTS {
+    if points.len() < MIN_POINTS {
         return Vec::new();
     }
     let scales: &[bool] = if present_efficiency(e).is_some() { &[true] } else { &[true, false] };

@@ -24,7 +24,7 @@ const KNEES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
 /// taken half of the brightest.
 const BRIGHT: f64 = 0.5;
 /// Largest share of saturated samples of a flat that is used: above it the median itself is.
-const MOST_SATURATED: f64 = 0.5;
+const MAX_SATURATED: f64 = 0.5;
 /// Step of the search for the capacity, in its logarithm: about a standard deviation of the shot
 /// noise of 5000 e⁻.
 const CAPACITY_STEP: f64 = 0.014;
@@ -142,7 +142,7 @@ fn chi_squared(flats: &[Bright], well: f64, knee: f64) -> f64 {
 /// the model predicts, and by the well `held` (capacity in e⁻, knee) that it has.
 fn bright_flats(e: &Evidence<'_>, held: Option<(f64, f64)>) -> Vec<Bright> {
     let mut out = Vec::new();
-    let usable = |i: usize| saturated(&e.stacks[i]) < MOST_SATURATED;
+    let usable = |i: usize| saturated(&e.stacks[i]) < MAX_SATURATED;
     for (i, c) in e.of_role(Role::Flat).filter(|(i, _)| usable(*i)) {
         let (k, place) = (e.gain(c), Place::Stack(i));
         for class in 0..channel_count(e) {

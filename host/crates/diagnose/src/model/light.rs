@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex};
 /// Illuminance for which electrons are kept, lx; others are in proportion.
 const LUX: f64 = DEFAULT_LUX;
 /// Samples kept in all: 256 MiB.
-const MOST_SAMPLES: usize = 64 << 20;
+const MAX_SAMPLES: usize = 64 << 20;
 
 /// Photo-electrons per second and pixel of a scene at `LUX`.
 pub type Electrons = Arc<Plane<f32>>;
@@ -57,7 +57,7 @@ impl Lights {
         if let Ok(mut kept) = self.kept.lock() {
             let now = kept.1;
             kept.0.insert(key, (now, electrons.clone()));
-            while kept.0.len() > 1 && kept.0.len() * electrons.data.len() > MOST_SAMPLES {
+            while kept.0.len() > 1 && kept.0.len() * electrons.data.len() > MAX_SAMPLES {
                 let oldest = kept.0.iter().min_by_key(|e| e.1.0).map(|e| e.0.clone());
                 oldest.and_then(|key| kept.0.remove(&key));
             }

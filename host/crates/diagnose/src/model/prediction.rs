@@ -18,7 +18,7 @@ const MOVED_SD: f64 = 3.0;
 /// % point by which the scatter of few replicates is uncertain.
 const WIDENED: f64 = 1.5;
 /// Variance below which a statistic has no scatter but that of rounding.
-const LEAST_VARIANCE: f64 = 1e-24;
+const MIN_VARIANCE: f64 = 1e-24;
 /// Deviations beyond this, standard deviations, count by their logarithm, so that a single gross
 /// one does not hide all others.
 const GROSS_DEVIATION: f64 = 10.0;
@@ -47,7 +47,7 @@ pub struct Predicted {
 impl Predicted {
     /// Whether neither theory nor replicates give it any scatter.
     fn is_constant(&self) -> bool {
-        self.scale != Scale::Count && self.sd * self.sd < LEAST_VARIANCE
+        self.scale != Scale::Count && self.sd * self.sd < MIN_VARIANCE
     }
 
     /// Whether a model predicts another value than `old`, or a much wider scatter, as of a pattern

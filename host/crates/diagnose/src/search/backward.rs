@@ -6,7 +6,7 @@ use super::forward::{Selection, Step};
 use super::refit::{estimates, refit};
 use super::session::{Half, Model, RUNS, RUNS_ON_THE_WAY, Session, State};
 use super::trial::{EVIDENCE_IN_ALL, TRIAL_RUNS};
-use crate::candidates::proposal::{LEAST_STRENGTH, Proposal, with_all};
+use crate::candidates::proposal::{MIN_STRENGTH, Proposal, with_all};
 use crate::model::prediction::{Prediction, bounded};
 use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::Result;
@@ -32,7 +32,7 @@ const GROSS_DEVIATION: f64 = 10.0;
 /// Share of an effect's evidence that gross deviations in the statistics it moves may have.
 const GROSS_SHARE: f64 = 0.1;
 /// Share of the held-out gap that named effects must close where something is left.
-const LEAST_CLOSED: f64 = 0.75;
+const MIN_CLOSED: f64 = 0.75;
 /// Held-out gap above which few names do not fit: deviations of twice what chance gives.
 const LARGEST_GAP_OF_FEW: f64 = 4.0;
 
@@ -83,7 +83,7 @@ pub(super) fn eliminate(
 fn is_misfit(session: &Session, before: &State, after: &State, names: usize) -> bool {
     let (gap_before, gap_after) = (session.gap(before), session.gap(after));
     let closed = (gap_before - gap_after) / (gap_before - 1.0).max(1e-9);
-    let misfit = closed < LEAST_CLOSED || names <= FEW_EFFECTS && gap_after > LARGEST_GAP_OF_FEW;
+    let misfit = closed < MIN_CLOSED || names <= FEW_EFFECTS && gap_after > LARGEST_GAP_OF_FEW;
     misfit && !session.unexplained(after).is_empty()
 }
 
@@ -127,8 +127,7 @@ fn without(session: &Session, base: &Camera, state: &State, i: usize) -> Result<
     let missed =
         rise(&session.fit, &state.fit, &fit) + rise(&session.holdout, &state.holdout, &holdout);
     let unneeded = missed < MISSED
-        || !left_out.of_targets
-            && !stands_out(session, &left_out, &camera, &named, LEAST_STRENGTH)?;
+        || !left_out.of_targets && !stands_out(session, &left_out, &camera, &named, MIN_STRENGTH)?;
     if unneeded {
         return Ok(Some(refit(session, session.state(camera, named, RUNS)?)?));
     }

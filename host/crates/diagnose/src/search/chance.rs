@@ -22,7 +22,7 @@ const CHANCE_RUNS: u64 = 8;
 const FIRST_RUNS: u64 = CHANCE_RUNS / 2;
 /// How many times the scatter that the first replicates show the true one may be: √(3/0.0243), as
 /// χ² with 3 degrees of freedom is below 0.0243 once in a thousand.
-const MOST_SCATTER: f64 = 11.1;
+const MAX_SCATTER: f64 = 11.1;
 /// Mean and standard deviation of the absolute value of a standard normal deviate: √(2/π) and
 /// √(1 − 2/π).
 const HALF_NORMAL: (f64, f64) = (0.797_884_6, 0.602_810_3);
@@ -39,7 +39,7 @@ pub(super) fn stands_out(
 ) -> Result<bool> {
     let significance =
         |runs, scatter| significance(session, effect, (camera, named), runs, scatter);
-    Ok(significance(FIRST_RUNS, MOST_SCATTER)? > least || significance(CHANCE_RUNS, 1.0)? >= least)
+    Ok(significance(FIRST_RUNS, MAX_SCATTER)? > least || significance(CHANCE_RUNS, 1.0)? >= least)
 }
 
 /// Significance of an effect that a model lacks, as a normal deviate, where chance scatters

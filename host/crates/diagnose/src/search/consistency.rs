@@ -19,9 +19,9 @@ const GROSS_FACTOR: f64 = 1.5;
 /// Relative difference within which the other stacks must agree for one to be singled out.
 const AGREEMENT: f64 = 0.1;
 /// Stacks without which none is singled out.
-const LEAST_STACKS: usize = 5;
+const MIN_STACKS: usize = 5;
 /// Stacks that may be off: two, whose entries were exchanged.
-const MOST_OFF: usize = 2;
+const MAX_OFF: usize = 2;
 /// Share of saturated samples from which a flat's mean and noise are not those of its light.
 pub(super) const SATURATED: f64 = 0.01;
 /// Variance of shot noise over that of read noise and rounding from which a stack's noise tells
@@ -108,7 +108,7 @@ fn read_variance_e2(camera: &Camera) -> f64 {
 
 /// Finds the one stack that is off by a gross factor where all others agree.
 fn alone(ratios: &[(&Condition, f64)], say: impl Fn(&Condition, f64) -> Error) -> Result<()> {
-    if ratios.len() < LEAST_STACKS {
+    if ratios.len() < MIN_STACKS {
         return Ok(());
     }
     let middle = median(&mut ratios.iter().map(|r| r.1).collect::<Vec<_>>(), f64::total_cmp);
@@ -118,7 +118,7 @@ fn alone(ratios: &[(&Condition, f64)], say: impl Fn(&Condition, f64) -> Error) -
         .collect();
     let near = ratios.iter().filter(|(_, r)| (r / middle - 1.0).abs() < AGREEMENT).count();
     match off.first() {
-        Some((c, r)) if off.len() <= MOST_OFF && near + off.len() == ratios.len() => {
+        Some((c, r)) if off.len() <= MAX_OFF && near + off.len() == ratios.len() => {
             Err(say(c, r / middle))
         }
         _ => Ok(()),

@@ -5,7 +5,7 @@ use super::refit::refit;
 use super::session::{RUNS_ON_THE_WAY, Session, State};
 use super::trial::{EVIDENCE_IN_ALL, EVIDENCE_TO_FIT, TRIAL_RUNS, Trial, settle, try_out};
 use super::veto;
-use crate::candidates::proposal::{LEAST_STRENGTH, Proposal};
+use crate::candidates::proposal::{MIN_STRENGTH, Proposal};
 use crate::model::prediction::bounded;
 use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::Result;
@@ -26,7 +26,7 @@ const HOPELESS: (f64, f64) = (EVIDENCE_IN_ALL, 0.5);
 /// Candidates whose parameters are settled in a round: those likeliest after their trial.
 const SETTLED: usize = 3;
 /// Effects named, at most. Hidden sets hold up to six; real sensors have shown nine.
-const MOST_EFFECTS: usize = 10;
+const MAX_EFFECTS: usize = 10;
 /// Mean square deviation of a model's replicates from each other, over that of the model at the
 /// start, from which the model explains nothing: replicates that scatter so agree with anything
 /// (`docs/diagnosis.md`).
@@ -89,7 +89,7 @@ pub(super) fn select(
 ) -> Result<Selection> {
     let mut selection =
         Selection { state: before.clone(), steps: Vec::new(), confounded: Vec::new() };
-    while selection.steps.len() < MOST_EFFECTS {
+    while selection.steps.len() < MAX_EFFECTS {
         let wanted = |kind: &str| wanted(kind, selection.steps.len());
         let trials = trials(session, &selection.state, &wanted, say)?;
         let settled = settled(session, &selection.state, &trials)?;
@@ -116,8 +116,7 @@ fn trials(
     wanted: &dyn Fn(&str) -> bool,
     say: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Trial>> {
-    let mut proposals =
-        session.propose(session.fit.frames(), state.model(), wanted, LEAST_STRENGTH);
+    let mut proposals = session.propose(session.fit.frames(), state.model(), wanted, MIN_STRENGTH);
     prune(&mut proposals);
     let (behind, share) = HOPELESS;
     let mut brief = Vec::new();

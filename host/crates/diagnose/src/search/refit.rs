@@ -9,14 +9,14 @@ use camrig_camera::Camera;
 /// when it was tried.
 const ROUNDS: usize = 2;
 /// Standard errors by which a parameter must differ for its estimate to be taken.
-const LEAST_CHANGE: f64 = 1.0;
+const MIN_CHANGE: f64 = 1.0;
 
 /// Estimates every named effect again with all of them in the model, as long as that makes the
 /// frames to fit likelier. Other models get as many replicates as this one has.
 pub(super) fn refit(session: &Session, mut state: State) -> Result<State> {
     for _ in 0..if state.named.len() > 1 { ROUNDS } else { 1 } {
         let is_named = |kind: &str| state.named.iter().any(|p| p.kind == kind);
-        let all = session.propose(session.fit.frames(), state.model(), &is_named, LEAST_CHANGE);
+        let all = session.propose(session.fit.frames(), state.model(), &is_named, MIN_CHANGE);
         let mut named = state.named.clone();
         let mut moved = false;
         for p in &mut named {

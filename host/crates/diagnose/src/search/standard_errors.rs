@@ -24,10 +24,10 @@ use rayon::prelude::*;
 const ERROR_RUNS: u64 = 8;
 /// Estimates without which there is no standard error: half of the replicates must show the
 /// effect.
-const LEAST_ESTIMATES: usize = ERROR_RUNS as usize / 2;
+const MIN_ESTIMATES: usize = ERROR_RUNS as usize / 2;
 /// Standard errors of one half by which the halves' estimates may differ and be averaged: five of
 /// their difference, which is √2 wider.
-const MOST_APART: f64 = 5.0 * std::f64::consts::SQRT_2;
+const MAX_APART: f64 = 5.0 * std::f64::consts::SQRT_2;
 /// Relative difference up to which values without a standard error, as frequencies, are the same.
 /// Chosen: rounding is far smaller, and aliases of a frequency are far further apart.
 const SAME_VALUE: f64 = 0.01;
@@ -79,7 +79,7 @@ pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<
         set_errors(named, &first, 1.0 / RUNS as f64);
         let alone = kinds.iter().filter(|k| **k == named.kind).count() == 1;
         if let Some(mean) = second.filter(|_| alone).and_then(|s| mean_of_halves(named, &s))
-            && both.len() >= LEAST_ESTIMATES
+            && both.len() >= MIN_ESTIMATES
         {
             *named = mean;
             set_errors(named, &both, 2.0 / RUNS as f64);
@@ -97,7 +97,7 @@ fn values(p: &Proposal) -> Vec<f64> {
 /// Sets standard errors from the scatter of estimates, whose variance is increased by the share
 /// `more`.
 fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
-    if estimates.len() < LEAST_ESTIMATES {
+    if estimates.len() < MIN_ESTIMATES {
         return;
     }
     let n = estimates.len() as f64;
@@ -117,7 +117,7 @@ fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
 /// alias, a direction a turn away.
 fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
     let agree = std::iter::zip(&a.parameters, &b.parameters).all(|((_, a), (_, b))| {
-        let known = if a.se.is_finite() { MOST_APART * a.se } else { SAME_VALUE * a.value.abs() };
+        let known = if a.se.is_finite() { MAX_APART * a.se } else { SAME_VALUE * a.value.abs() };
         (a.value - b.value).abs() <= known
     });
     if !agree {
@@ -173,7 +173,7 @@ mod tests {
         assert!(named.parameters[1].1.se.is_nan());
         // Too few estimates say nothing.
         let before = named.parameters[0].1.se;
-        set_errors(&mut named, &estimates[..LEAST_ESTIMATES - 1], 3.0);
+        set_errors(&mut named, &estimates[..MIN_ESTIMATES - 1], 3.0);
         assert_eq!(named.parameters[0].1.se, before);
     }
 }

@@ -21,7 +21,7 @@ pub const EVIDENCE_IN_ALL: f64 = 28.0;
 /// all of the held-out gap. Chosen: the right effect beside others that are still missing leaves
 /// much of it, another effect nearly all. Gross deviations count by their logarithm in the first:
 /// hot pixels that took a gap from 2100 to 258 removed 0.16 of it.
-const LEAST_EXPLAINED: f64 = 0.3;
+const MIN_EXPLAINED: f64 = 0.3;
 /// Estimates of a candidate that was tried, each from the model with the one before; they settle
 /// by then, or the best serves.
 const ESTIMATES: usize = 3;
@@ -56,7 +56,7 @@ impl Trial {
         self.evidence > to_fit
             && self.confirmed > EVIDENCE_HELD_OUT
             && self.evidence + self.confirmed > EVIDENCE_IN_ALL
-            && (self.explains > LEAST_EXPLAINED || self.gap < (1.0 - LEAST_EXPLAINED) * before)
+            && (self.explains > MIN_EXPLAINED || self.gap < (1.0 - MIN_EXPLAINED) * before)
     }
 }
 

@@ -15,7 +15,7 @@ const CONTRADICTED: f64 = -4.0;
 /// The same, above which a statistic was as expected before.
 const AS_EXPECTED: f64 = -2.0;
 /// Share of what an effect adds that must be there.
-const LEAST_SHARE: f64 = 0.5;
+const MIN_SHARE: f64 = 0.5;
 
 /// Noise that random effects only raise: that which frames, rows or columns share beside that of
 /// pixels, and how many pixels are noisier than others.
@@ -56,7 +56,7 @@ impl Short {
             let Some(key) = key else { continue };
             let (s, b, a) = (half.values.get(&key)?, before.of.get(&key)?, after.of.get(&key)?);
             let added = a.value - b.value;
-            if added <= 0.0 || s.value - b.value > LEAST_SHARE * added {
+            if added <= 0.0 || s.value - b.value > MIN_SHARE * added {
                 return None;
             }
             let own = Self { before: too_little(s, b), after: too_little(s, a), count: 1.0 };

@@ -14,7 +14,7 @@ const RICE_BLOCK: usize = 32;
 const LONGEST_RICE_BLOCK: usize = 256;
 /// Most values that a byte can stand for: 1032 with gzip (the limit of Deflate), fewer with Rice
 /// coding, whose blocks of equal values take 3 bits or more.
-const MOST_PER_BYTE: usize = 1032;
+const MAX_PER_BYTE: usize = 1032;
 /// Axes of an image: columns, rows, frames.
 const AXES: usize = 3;
 
@@ -32,8 +32,8 @@ pub(super) fn read(header: &Header, image: &Image, data: &[u8]) -> Result<Stored
         .help("floats are rounded by their compression; funpack writes them plain"));
     }
     let total = image.axes.iter().fold(1usize, |n, &axis| n.saturating_mul(axis));
-    if total / MOST_PER_BYTE > data.len() {
-        return Err(truncated(total / MOST_PER_BYTE, data.len()));
+    if total / MAX_PER_BYTE > data.len() {
+        return Err(truncated(total / MAX_PER_BYTE, data.len()));
     }
     let mut values = vec![0i64; total];
     let counts: [usize; AXES] = std::array::from_fn(|a| image.axes[a].div_ceil(table.tile[a]));

@@ -55,7 +55,7 @@ const STEPS: usize = 64;
 const FIRST_STEP: usize = 16;
 const LAST_STEP: usize = 2;
 /// Most PSF samples of a characterisation, of four bytes each: places are not added beyond.
-const MOST_SAMPLES: usize = 1 << 28;
+const MAX_SAMPLES: usize = 1 << 28;
 /// Points along each side of the frame whose field angles are looked for.
 const OUTLINE_POINTS: usize = 8;
 
@@ -338,7 +338,7 @@ impl Tracer<'_> {
             let Misplaced { mean, largest } = Misplaced::of(&errors);
             let next = step / 2;
             let psfs = lattice(next).len() * self.trains.len();
-            let fits = psfs.saturating_mul(self.window.size.pow(2)) <= MOST_SAMPLES;
+            let fits = psfs.saturating_mul(self.window.size.pow(2)) <= MAX_SAMPLES;
             if mean <= density.tolerance || next < LAST_STEP || !fits {
                 let between = Between {
                     misplaced_mean: mean,

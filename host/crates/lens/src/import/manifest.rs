@@ -275,7 +275,7 @@ fn csv(text: &str, nm: f64) -> Result<Table> {
 /// Wavelengths of the columns that a header names, nm, and millimetres in the unit of its heights.
 fn columns(header: &str, nm: f64) -> Result<(Vec<f64>, f64)> {
     // Below it there is no light for a lens: such numbers are in µm.
-    const LEAST_NM: f64 = 100.0;
+    const MIN_NM: f64 = 100.0;
     let names = words(header);
     let first = names[0].to_ascii_lowercase();
     let unit_mm = match first.rsplit(['_', '(', '[']).next().unwrap_or("").trim_matches([')', ']'])
@@ -294,7 +294,7 @@ fn columns(header: &str, nm: f64) -> Result<(Vec<f64>, f64)> {
         (Err(_), 2) => vec![nm],
         (Err(e), _) => return Err(e),
     };
-    match wavelengths.iter().find(|nm| **nm != 0.0 && **nm < LEAST_NM) {
+    match wavelengths.iter().find(|nm| **nm != 0.0 && **nm < MIN_NM) {
         Some(nm) => Err(Error::input(format!("a column for {nm} nm"))
             .help("wavelengths in the header are in nm")),
         None => Ok((wavelengths, unit_mm)),

@@ -42,7 +42,7 @@ pub fn import(source: &Path) -> Result<Characterisation> {
 /// Refuses tables in another unit than theirs.
 fn check_units(lens: &Characterisation) -> Result<()> {
     // A lens that is meant for its paraxial heights keeps well within this of them beside the axis.
-    const MOST_DISTORTED: f64 = 20.0;
+    const MAX_DISTORTED: f64 = 20.0;
     let columns = lens.wavelengths_nm.len();
     let angles = lens.chief_ray_angle_deg.iter().flatten();
     if let Some(degrees) = angles.copied().find(|angle| angle.abs() >= 90.0) {
@@ -55,7 +55,7 @@ fn check_units(lens: &Characterisation) -> Result<()> {
     let height = lens.heights_mm[1];
     let real = &lens.real_height_mm[columns..2 * columns];
     if let Some(mm) =
-        real.iter().find(|mm| !(height / MOST_DISTORTED..height * MOST_DISTORTED).contains(*mm))
+        real.iter().find(|mm| !(height / MAX_DISTORTED..height * MAX_DISTORTED).contains(*mm))
     {
         return Err(Error::input(format!(
             "a real height of {mm} mm at the paraxial height {height} mm"

@@ -17,7 +17,7 @@ const PRESSURE_MM_HG: f64 = 760.0;
 fn set_fields(list: &mut Vec<f64>, keyword: &str, words: &[Word]) -> Result<()> {
     let name = capitals(words, 0);
     let field = name.strip_prefix('F').and_then(|n| n.parse::<usize>().ok());
-    let Some(field) = field.filter(|n| (1..=MOST_FIELDS).contains(n)) else {
+    let Some(field) = field.filter(|n| (1..=MAX_FIELDS).contains(n)) else {
         *list = numbers(keyword, words)?;
         return Ok(());
     };
@@ -27,7 +27,7 @@ fn set_fields(list: &mut Vec<f64>, keyword: &str, words: &[Word]) -> Result<()> 
 }
 
 /// Most fields that a command may name: more than CODE V has.
-const MOST_FIELDS: usize = 1000;
+const MAX_FIELDS: usize = 1000;
 
 /// A word in capitals, and nothing where there is none.
 fn capitals(words: &[Word], i: usize) -> String {

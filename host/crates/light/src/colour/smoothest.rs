@@ -37,19 +37,19 @@ const EPSILON: f64 = 1e-4;
 /// tenth of a code of 8 bits near black.
 const LEAST: f64 = 2e-5;
 /// Least component of an emission's colour, relative to the largest: e^u is never 0.
-const LEAST_EMISSION: f64 = 1e-4;
+const MIN_EMISSION: f64 = 1e-4;
 /// Bounds of u. A reflectance is within 6e-6 of 0 and 1 there, an emission at e⁻³⁰ is black.
 const BOUND: f64 = 200.0;
 const DARKEST_EMISSION: f64 = -30.0;
 /// Steps after which the search ends: beside the faces of the cube u goes on to move where it is
 /// large, and reflectances hardly change.
-const MOST_STEPS: usize = 60;
+const MAX_STEPS: usize = 60;
 /// Steps after which a residual that is still far tells that no spectrum has the colour: those that
 /// have one come within it in ten.
 const TRIED_STEPS: usize = 20;
 const FAR: f64 = 1e-2;
 /// Halvings of a step before it is given up.
-const MOST_HALVINGS: usize = 14;
+const MAX_HALVINGS: usize = 14;
 /// Residual and change of u at which a solution is taken: some ten-thousandths of reflectance from
 /// what further steps would give.
 const SOLVED: (f64, f64) = (1e-6, 1e-4);
@@ -129,7 +129,7 @@ impl Smoothest {
         let (scale, goal) = if reflects {
             (1.0, rgb.map(|c| within(c, LEAST, 1.0 - LEAST)))
         } else {
-            (largest, rgb.map(|c| within(c / largest, LEAST_EMISSION, 1.0)))
+            (largest, rgb.map(|c| within(c / largest, MIN_EMISSION, 1.0)))
         };
         let u = self.iterate(goal);
         let values = u.map(|u| scale * self.value(u).0);
@@ -161,7 +161,7 @@ impl Smoothest {
                 let s = 2.0 * mean.clamp(0.02, 0.98) - 1.0;
                 s / (1.0 - s * s).sqrt()
             }
-            Domain::Emission => libm::log(mean.max(LEAST_EMISSION)),
+            Domain::Emission => libm::log(mean.max(MIN_EMISSION)),
         }
     }
 
@@ -173,13 +173,13 @@ impl Smoothest {
         };
         let solved = |off: [f64; 3]| off.iter().all(|v| v.abs() < SOLVED.0);
         let mut u = [self.start(goal); COUNT];
-        for step in 0..MOST_STEPS {
+        for step in 0..MAX_STEPS {
             let off = residual(&u);
             let Some(target) = self.target(&u, off) else { break };
             let before = square(off);
             let mut part = 1.0;
             let mut found = None;
-            for _ in 0..MOST_HALVINGS {
+            for _ in 0..MAX_HALVINGS {
                 let mut next = u;
                 for i in 0..COUNT {
                     next[i] = (u[i] + part * (target[i] - u[i])).clamp(least, BOUND);

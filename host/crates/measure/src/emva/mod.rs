@@ -49,7 +49,7 @@ const LINEARITY_RANGE: std::ops::RangeInclusive<f64> = 0.05..=0.95;
 const HIDDEN_NOISE_DN: f64 = 0.40;
 /// Fewest light levels: a slope and a saturation need two levels below and one at saturation. The
 /// standard requires 50, which a warning says.
-const LEAST_LEVELS: usize = 3;
+const MIN_LEVELS: usize = 3;
 /// Light levels with which the flat of the spatial figures stays one of them.
 const FEW_LEVELS: usize = 5;
 /// Fewest exposure times of darks for a line (the standard requires six for dark current).
@@ -98,7 +98,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     };
     let levels: Vec<Level> =
         flats.iter().filter(|(_, l)| in_ladder(&l.id)).map(|f| f.1.clone()).collect();
-    if levels.len() < LEAST_LEVELS {
+    if levels.len() < MIN_LEVELS {
         return Err(Error::input(format!("{} flat levels", levels.len()))
             .help("the standard asks for 50, from dark to saturation; three are the least"));
     }

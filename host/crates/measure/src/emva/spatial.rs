@@ -12,7 +12,7 @@ use camrig_base::Result;
 
 /// Fewest frames of a flat stack for spatial figures: below, the temporal noise that has to be
 /// subtracted is larger than the patterns of most sensors.
-const LEAST_FRAMES: usize = 3;
+const MIN_FRAMES: usize = 3;
 
 /// Standard errors by which a level brighter than the saturated one, the level of largest temporal
 /// variance, has to have less of it to count as past saturation: one in 700 of equally bright
@@ -44,7 +44,7 @@ impl SpatialPair {
             (0..channels).map(|c| is_past(&levels, i, c, saturations[c])).collect()
         };
         let long: Vec<(usize, Vec<bool>)> = (0..levels.len())
-            .filter(|&i| levels[i].channels[0].frames >= LEAST_FRAMES)
+            .filter(|&i| levels[i].channels[0].frames >= MIN_FRAMES)
             .map(|i| (i, past(i)))
             .collect();
         let number = |past: &[bool]| past.iter().filter(|p| **p).count();

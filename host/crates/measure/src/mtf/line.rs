@@ -12,7 +12,7 @@ const STRAIGHT_PASSES: usize = 2;
 /// in samples: a derivative's centroid needs four on either side.
 const MARGIN: f64 = 4.0;
 /// Smallest step between the sides in standard deviations of their samples: less is noise.
-const LEAST_STEP: f64 = 3.0;
+const MIN_STEP: f64 = 3.0;
 
 /// Position of the edge: `across = Σ c_k t^k` with t the distance along it from the middle row,
 /// pixels.
@@ -102,7 +102,7 @@ impl EdgeLine {
         };
         let ((a, va), (b, vb)) = (moments(&dark), moments(&bright));
         (self.levels, self.rises) = ([a.min(b), a.max(b)], b > a);
-        if (a - b).abs() < LEAST_STEP * (va + vb).sqrt() {
+        if (a - b).abs() < MIN_STEP * (va + vb).sqrt() {
             return Err(no_edge());
         }
         // The edge has to cross the samples at every phase: over the rows it must move by at least

@@ -57,12 +57,12 @@ const NEIGHBOURS: usize = 11;
 /// Blocks of rows for the jackknife: ten give its error to about a quarter.
 const BLOCKS: usize = 10;
 /// Smallest side of a region, pixels: the window needs ten on either side of the edge.
-const LEAST_SIDE: usize = 20;
+const MIN_SIDE: usize = 20;
 /// Fewest samples of a row and fewest rows for a line through the rows' positions.
-const LEAST_SAMPLES: usize = 8;
-const LEAST_ROWS: usize = 10;
+const MIN_SAMPLES: usize = 8;
+const MIN_ROWS: usize = 10;
 /// Smallest range of samples that can be an edge, DN: quantisation distorts a smaller step.
-const LEAST_RANGE_DN: f64 = 8.0;
+const MIN_RANGE_DN: f64 = 8.0;
 /// Share of samples at the white level, or at 0 DN, from which a side counts as clipped.
 const CLIPPED_SHARE: f64 = 0.005;
 /// Share of a side's samples at its extreme value from which it counts as clipped where the white
@@ -70,7 +70,7 @@ const CLIPPED_SHARE: f64 = 0.005;
 /// is cut off there or further in has at least as many samples.
 const ONE_VALUE_SHARE: f64 = 0.5;
 /// Smallest scatter of samples, DN, for the limit of defects in noiseless frames.
-const LEAST_SCATTER_DN: f64 = 1e-9;
+const MIN_SCATTER_DN: f64 = 1e-9;
 
 /// A rectangle of a frame, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -375,7 +375,7 @@ fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
     // The factor of 2: the bright side scatters more than both sides together, by shot noise less
     // than twice as much for a contrast of 4.
-    let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(LEAST_SCATTER_DN);
+    let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(MIN_SCATTER_DN);
     let expected = |d: f64| {
         let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
         local[i].1
@@ -383,7 +383,7 @@ fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     for row in rows.iter_mut() {
         row.retain(|s| (s.value - expected(distance(s))).abs() <= limit);
     }
-    rows.retain(|r| r.len() >= LEAST_SAMPLES);
+    rows.retain(|r| r.len() >= MIN_SAMPLES);
 }
 
 /// Mean (DN) and variance (DN²) of the samples in the outer half of each side, dark side first.
@@ -435,7 +435,7 @@ fn find<T: Copy + Into<f64>>(
         .help("give column, row, width and height in pixels")
         .with_code("region-outside"));
     }
-    if roi.width.min(roi.height) < LEAST_SIDE {
+    if roi.width.min(roi.height) < MIN_SIDE {
         return Err(Error::input(format!("region of {} x {} pixels", roi.width, roi.height))
             .help("an edge needs 20 pixels or more each way; 60 x 100 is good"));
     }
@@ -449,8 +449,8 @@ fn find<T: Copy + Into<f64>>(
     if lies_down {
         rows = transpose(&rows, roi);
     }
-    rows.retain(|r| r.len() >= LEAST_SAMPLES);
-    if rows.len() < LEAST_ROWS {
+    rows.retain(|r| r.len() >= MIN_SAMPLES);
+    if rows.len() < MIN_ROWS {
         return Err(Error::input("fewer than 10 rows of samples across the edge"));
     }
     let step = step(&rows);
@@ -528,7 +528,7 @@ fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     let at_white =
         white.map_or(0.0, |w| values().filter(|v| *v >= f64::from(w)).count() as f64 / n);
     let at_zero = values().filter(|v| *v == 0.0).count() as f64 / n;
-    if high - low < LEAST_RANGE_DN && at_white <= CLIPPED_SHARE {
+    if high - low < MIN_RANGE_DN && at_white <= CLIPPED_SHARE {
         return Err(Error::input(format!("no edge: all samples lie within {} DN", high - low))
             .help("choose a region across a dark and a bright area"));
     }

@@ -1,6 +1,6 @@
 //! Regions of slanted edges in a frame that nobody has pointed at.
 
-use super::{LEAST_SIDE, Roi, find, measure};
+use super::{MIN_SIDE, Roi, find, measure};
 use camrig_base::{Cfa, Plane};
 use rayon::prelude::*;
 
@@ -9,7 +9,7 @@ const SIDE: usize = 80;
 /// Steps of the search over a side: an edge that is cut off in one place is whole in the next.
 const STEPS: usize = 4;
 /// Smallest contrast of an edge over the largest in the frame: texture has less than a target.
-const LEAST_CONTRAST: f64 = 0.3;
+const MIN_CONTRAST: f64 = 0.3;
 
 /// Regions with one slanted edge each that [`measure`] takes, from the top of the frame down; none
 /// overlaps another. `channel` is the one that is looked at.
@@ -20,7 +20,7 @@ pub fn find_edges(
     white_level_dn: Option<u16>,
 ) -> Vec<Roi> {
     let whole = frame.width.min(frame.height);
-    let side = SIDE.min(whole / 2).max(LEAST_SIDE.min(whole));
+    let side = SIDE.min(whole / 2).max(MIN_SIDE.min(whole));
     let starts =
         |length: usize| (0..=length - side).step_by((side / STEPS).max(1)).chain([length - side]);
     let places: Vec<[usize; 2]> =
@@ -42,7 +42,7 @@ pub fn find_edges(
     };
     let mut found: Vec<(Roi, f64, f64)> = places.par_iter().filter_map(look).collect();
     let most = found.iter().map(|f| f.1).fold(0.0, f64::max);
-    found.retain(|(_, contrast, _)| *contrast >= LEAST_CONTRAST * most);
+    found.retain(|(_, contrast, _)| *contrast >= MIN_CONTRAST * most);
     // Of those that overlap, the one that tells most: ends of the edge and corners spoil others.
     found.sort_by(|a, b| a.2.total_cmp(&b.2));
     let mut apart: Vec<Roi> = Vec::new();

@@ -8,7 +8,7 @@ use camrig_fourier::plans::Sample;
 use camrig_fourier::sinc;
 
 /// Fewest bins on either side of the edge.
-const LEAST_BINS: usize = 4;
+const MIN_BINS: usize = 4;
 /// Length of the zero-padded line spread function over its own: makes the transform's samples
 /// dense enough for linear interpolation.
 const PADDING: usize = 8;
@@ -50,7 +50,7 @@ impl Spread {
         without: Option<usize>,
     ) -> Result<Self> {
         let bin = step / OVERSAMPLING;
-        let side = ((reach / bin).floor() as usize).max(LEAST_BINS);
+        let side = ((reach / bin).floor() as usize).max(MIN_BINS);
         let mut samples: Vec<(f64, f64)> = Vec::new();
         for (index, row) in rows.iter().enumerate() {
             if without == Some(index * BLOCKS / rows.len()) {

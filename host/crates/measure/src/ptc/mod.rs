@@ -24,7 +24,7 @@ mod notes;
 use self::notes::{channel_notes, sensor_notes};
 use super::codes::Codes;
 use super::copies;
-use super::dark::{self, DarkLine, LEAST_EXPOSURES};
+use super::dark::{self, DarkLine, MIN_EXPOSURES};
 use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
 use super::moments::Moments;
@@ -142,7 +142,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     ladder::check_flats(&darks, flats.levels.iter())?;
 
     let mut notes = sensor_notes(set, selection, &darks);
-    let remarks = remarks::of_ladder(set, selection, &darks, &flats.levels, LEAST_EXPOSURES);
+    let remarks = remarks::of_ladder(set, selection, &darks, &flats.levels, MIN_EXPOSURES);
     notes.extend(remarks);
     notes.extend(ladder::codes(&darks, &flats.levels).note());
     // The longest stack has the least noise in its fixed patterns; among equals the longest

@@ -125,10 +125,10 @@ impl PsfField {
             // One PSF serves the whole frame.
             return Some(Misplaced::default());
         }
-        if heights_mm.len() < LEAST_HEIGHTS {
+        if heights_mm.len() < MIN_HEIGHTS {
             return None;
         }
-        let last = last.max(LEAST_HEIGHTS - 1);
+        let last = last.max(MIN_HEIGHTS - 1);
         let left_out = |span: usize| -> Vec<(f64, f64)> {
             (span..=last - span)
                 .into_par_iter()
@@ -153,7 +153,7 @@ impl PsfField {
         if across * down == 1 {
             return Some(Misplaced::default());
         }
-        if across.min(down) < LEAST_HEIGHTS {
+        if across.min(down) < MIN_HEIGHTS {
             return None;
         }
         let kernel = |psf: &[f32]| self.projected(psf, UPRIGHT, grid);
@@ -194,13 +194,13 @@ fn halved(left_out: &dyn Fn(usize) -> Vec<(f64, f64)>) -> Misplaced {
 
 /// Heights of the data from which the error between them can be estimated: two left-out spans need
 /// five.
-const LEAST_HEIGHTS: usize = 5;
+const MIN_HEIGHTS: usize = 5;
 /// Distances of nodes that are tried, pixels: steps of √2, so that each halves the number of
 /// nodes.
 const NODE_DISTANCES: [usize; 14] = [512, 362, 256, 181, 128, 90, 64, 45, 32, 23, 16, 11, 8, 6];
 /// Distance of nodes where none of those keeps the tolerance, pixels. Closer nodes would cost a
 /// transform of a kernel for a handful of pixels; the error that is left is reported.
-const LEAST_NODE_DISTANCE: usize = 4;
+const MIN_NODE_DISTANCE: usize = 4;
 
 /// The kernel for light that lands at (x, y) mm from the optical axis.
 pub type KernelAt<'k> = dyn Fn(f64, f64) -> Vec<f32> + Sync + 'k;
@@ -285,7 +285,7 @@ impl Place<'_> {
             .into_iter()
             .filter(|&pixels| pixels <= self.layout.padded_width.max(self.layout.padded_height))
             .find(|&pixels| self.grid_error(kernel_at, field, pixels * s).mean <= tolerance)
-            .unwrap_or(LEAST_NODE_DISTANCE)
+            .unwrap_or(MIN_NODE_DISTANCE)
     }
 
     /// The report on a tiling whose nodes have the kernels of `kernel_at`, made of `field`.

@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 /// Sizes, px: that of the drawing, its margins, the row of the legend and that of the scale bar.
 const WIDTH: f64 = 358.0;
-const MOST_HIGH: f64 = 300.0;
+const MAX_HIGH: f64 = 300.0;
 const MARGIN: f64 = 6.0;
 const LEGEND: f64 = 42.0;
 const SCALE: f64 = 30.0;
@@ -47,7 +47,7 @@ pub(super) fn svg(section: &Section, fields_deg: &[f64]) -> String {
     let most = places().map(|p| p[0]).fold(section.image_z_mm, f64::max);
     let half = places().map(|p| p[1].abs()).fold(0.0, f64::max);
     let across = (WIDTH - 2.0 * MARGIN) / (most - least);
-    let per_mm = across.min((MOST_HIGH - 2.0 * MARGIN) / (2.0 * half));
+    let per_mm = across.min((MAX_HIGH - 2.0 * MARGIN) / (2.0 * half));
     let middle = LEGEND + MARGIN + half * per_mm;
     let height = (middle + half * per_mm + MARGIN + SCALE).round();
     let frame = Frame { per_mm, left_mm: least, middle };

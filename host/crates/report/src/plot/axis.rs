@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 /// Decades below which 2 and 5 are labelled on a logarithmic axis too.
 const FEW_DECADES: f64 = 2.0;
 /// Most ticks that an axis has; more come of no range that is drawn.
-const MOST_TICKS: f64 = 1000.0;
+const MAX_TICKS: f64 = 1000.0;
 /// Powers of ten that are written out on axes.
 const WRITTEN_OUT: RangeInclusive<i32> = -3..=4;
 
@@ -131,7 +131,7 @@ impl Span<'_> {
 fn steps(low: f64, high: f64, room: usize) -> Vec<Tick> {
     let step = step_of(high - low, room);
     let first = (low / step - 1e-6).ceil();
-    let last = (high / step + 1e-6).floor().min(first + MOST_TICKS);
+    let last = (high / step + 1e-6).floor().min(first + MAX_TICKS);
     let power = libm::log10(step).floor() as i32;
     let most = first.abs().max(last.abs()) * step;
     let scale = libm::log10(most).floor() as i32;

@@ -1,13 +1,13 @@
 //! Settings against each other: heat maps or lines over what was swept, and the frontier.
 
 use super::table::{Figure, Setting, Settings, Swept, short, spoken, spoken_value};
-use super::{Chosen, MOST_LINES, capital, in_sentence};
+use super::{Chosen, MAX_LINES, capital, in_sentence};
 use crate::numbers::number;
 use crate::page::Page;
 use crate::plot::{Cells, Colour, Mark, Plot, Scale, Size};
 
 /// Most rows and columns of a table of two parameters.
-const MOST_CELLS: usize = 12;
+const MAX_CELLS: usize = 12;
 /// Ratio of the largest to the smallest value from which an axis is logarithmic.
 const DECADE: f64 = 10.0;
 
@@ -26,7 +26,7 @@ impl<'a> Axes<'a> {
     pub fn of(settings: &'a Settings, around: &'a Setting) -> Option<Self> {
         let numeric = (0..settings.names.len())
             .filter_map(|i| settings.numbers(i).map(|values| (i, values)))
-            .filter(|(_, values)| values.len() <= MOST_CELLS);
+            .filter(|(_, values)| values.len() <= MAX_CELLS);
         let mut numeric: Vec<(usize, Vec<f64>)> = numeric.collect();
         numeric.truncate(2);
         let (column, columns) = numeric.pop()?;
@@ -173,16 +173,16 @@ fn draw(settings: &Settings, figure: &Figure, over: usize) -> Option<Plot> {
     let peak = |points: &[[f64; 2]]| {
         points.iter().map(|p| figure.sign() * p[1]).fold(f64::NEG_INFINITY, f64::max)
     };
-    if all > MOST_LINES {
+    if all > MAX_LINES {
         lines.sort_by(|a, b| peak(&b.points).total_cmp(&peak(&a.points)));
-        lines.truncate(MOST_LINES);
+        lines.truncate(MAX_LINES);
     }
     for (i, line) in lines.iter().enumerate() {
         let label = settings.words(line.of, &[over]);
         plot.series(&label, Mark::LinePoints, Colour::Series(i), line.points.clone());
     }
-    if all > MOST_LINES {
-        plot.note(&format!("The {MOST_LINES} of {all} other settings with the best values."));
+    if all > MAX_LINES {
+        plot.note(&format!("The {MAX_LINES} of {all} other settings with the best values."));
     }
     (!lines.is_empty()).then_some(plot)
 }
@@ -218,7 +218,7 @@ fn frontier(
     }
     let height = 262.0 + if axes.is_some() { 60.0 } else { 0.0 };
     plot.size(Size::FIGURE.high(height));
-    let bars = match axes.filter(|a| a.columns.len() <= MOST_LINES && settings.names.len() == 2) {
+    let bars = match axes.filter(|a| a.columns.len() <= MAX_LINES && settings.names.len() == 2) {
         Some(axes) => {
             by_column(&mut plot, settings, axes, [x, y]);
             " Bars: one standard error."

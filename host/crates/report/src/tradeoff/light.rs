@@ -1,6 +1,6 @@
 //! Settings over light.
 
-use super::MOST_LINES;
+use super::MAX_LINES;
 use super::compare::Axes;
 use super::table::{
     ACCEPTABLE_DB, Figure, SNR, Setting, Settings, Swept, crossing, short, spoken_value,
@@ -10,7 +10,7 @@ use crate::page::{Page, Table};
 use crate::plot::{Colour, Mark, Plot, Size};
 
 /// Most rows of the table beside the plot.
-const MOST_ROWS: usize = 10;
+const MAX_ROWS: usize = 10;
 
 /// SNR over light of the settings that need least of it, with the table of all; of many settings
 /// small multiples.
@@ -32,21 +32,21 @@ pub(super) fn light(page: &mut Page, settings: &Settings, compared: &Settings) {
     let draw = |size: Size| {
         let mut plot = Plot::new("SNR over scene illuminance", "scene illuminance, lx", "SNR, dB");
         plot.size(size).log_x();
-        for (i, line) in lines.iter().take(MOST_LINES).enumerate() {
+        for (i, line) in lines.iter().take(MAX_LINES).enumerate() {
             let label = settings.words(line.of, &[light]);
             plot.series(&label, Mark::LinePoints, Colour::Series(i), line.points.clone());
         }
         plot.limit_y(ACCEPTABLE_DB, "SNR 10: acceptable").limit_y(0.0, "SNR 1");
-        if lines.len() > MOST_LINES {
+        if lines.len() > MAX_LINES {
             let all = lines.len();
-            plot.note(&format!("The {MOST_LINES} of {all} settings that need least light."));
+            plot.note(&format!("The {MAX_LINES} of {all} settings that need least light."));
         }
         plot
     };
     let most = lines.iter().filter_map(|l| l.points.last()).map(|p| p[0]).fold(0.0, f64::max);
     let at_most = format!("SNR at {}\u{a0}lx, dB", short(most));
     let mut table = Table::new(&["setting"]).numbers(&["SNR 10 at, lx", &at_most]);
-    for line in lines.iter().take(MOST_ROWS) {
+    for line in lines.iter().take(MAX_ROWS) {
         let at = line.points.iter().find(|p| p[0] == most);
         table.row(vec![
             settings.words(line.of, &[light]),
@@ -60,13 +60,13 @@ pub(super) fn light(page: &mut Page, settings: &Settings, compared: &Settings) {
         },
         |page| {
             page.rows(&table);
-            page.small(match lines.len() > MOST_ROWS {
+            page.small(match lines.len() > MAX_ROWS {
                 true => "Those that need least light; the others are among all settings below.",
                 false => "SNR of single pixels, temporal and fixed noise; mean of the channels.",
             });
         },
     );
-    if lines.len() > MOST_LINES {
+    if lines.len() > MAX_LINES {
         multiples(page, settings, compared, light);
     }
 }
@@ -89,7 +89,7 @@ fn multiples(page: &mut Page, settings: &Settings, compared: &Settings, light: u
     let ([left, right], [low, high]) = (ends(0), ends(1));
     // Below an SNR of 1 is nothing to see.
     let [low, high] = [(low / 10.0).floor().max(0.0) * 10.0, (high / 10.0).ceil() * 10.0];
-    let every = axes.rows.len().div_ceil(MOST_LINES - 2);
+    let every = axes.rows.len().div_ceil(MAX_LINES - 2);
     page.heading("Each on equal axes").small_multiples(|page| {
         for value in &axes.columns {
             let named =

@@ -19,11 +19,11 @@ use table::{FIGURES, Figure, Setting, Settings, spoken};
 
 /// Most lines in a plot, as many as there are colours; with more, those far from the best setting
 /// are left out.
-const MOST_LINES: usize = 6;
+const MAX_LINES: usize = 6;
 /// Most settings of which print lists each: a sheet of A4.
-const MOST_PRINTED: usize = 50;
+const MAX_PRINTED: usize = 50;
 /// Most bests of single figures on cards.
-const MOST_CARDS: usize = 3;
+const MAX_CARDS: usize = 3;
 
 /// How a setting is chosen.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -108,7 +108,7 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
         page.verbatim(sweep);
     });
     let words = format!("All {} settings (of each picture: figures.csv)", compared.all.len());
-    match compared.all.len() > MOST_PRINTED {
+    match compared.all.len() > MAX_PRINTED {
         true => page.folded_on_screen(&words, |page| all(page, &compared)),
         false => page.folded(&words, |page| all(page, &compared)),
     };
@@ -134,7 +134,7 @@ fn optimum(page: &mut Page, settings: &Settings, ranked: &[&Figure], chosen: Opt
         }
     }
     let others = ranked.iter().filter(|f| chosen.is_none_or(|c| c.best.key != f.key));
-    for figure in others.take(MOST_CARDS) {
+    for figure in others.take(MAX_CARDS) {
         let Some(best) = Settings::best(settings.all.iter(), figure) else { continue };
         let name = format!("{} {}", capital(figure.wanted()), in_sentence(figure.name));
         let card = KeyFigure::new(&name, &best.words(figure).unwrap_or_default());

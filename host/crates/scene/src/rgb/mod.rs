@@ -40,7 +40,7 @@ use std::path::Path;
 
 /// Share of pixels that may have a negative luminance, which a renderer's filter leaves beside
 /// highlights; they are black.
-const MOST_NEGATIVE: f64 = 1e-4;
+const MAX_NEGATIVE: f64 = 1e-4;
 /// Percentile of Y that is the white of a picture brighter than 1.
 const WHITE_PERCENTILE: usize = 99;
 /// Names of primaries.
@@ -338,7 +338,7 @@ fn check_numbers(pixels: &[[f32; 3]], (width, _): (usize, usize)) -> Result<()> 
 
 /// Makes pixels of negative luminance black, and says how many there were.
 fn without_negative(pixels: &mut [[f32; 3]]) -> Result<Option<String>> {
-    let most = (pixels.len() as f64 * MOST_NEGATIVE) as usize;
+    let most = (pixels.len() as f64 * MAX_NEGATIVE) as usize;
     let in_chunk = |pixels: &mut [[f32; 3]]| {
         let (mut count, mut least) = (0, 0.0f64);
         for pixel in pixels.iter_mut().filter(|p| p.iter().any(|v| *v < 0.0)) {

@@ -5,10 +5,10 @@ use camrig_light::colour::space::Space;
 use std::path::Path;
 
 /// Most pixels of a picture: with the spectra's places 3.5 GiB of memory.
-pub const MOST_PIXELS: usize = 1 << 27;
+pub const MAX_PIXELS: usize = 1 << 27;
 /// Most bits of pixels in a byte of a file: compressed by 1032, the most that deflate does. Sizes
 /// beyond it are lies.
-const MOST_BITS_PER_BYTE: u64 = 8 * 1032;
+const MAX_BITS_PER_BYTE: u64 = 8 * 1032;
 
 /// Samples of red, green and blue, interleaved.
 pub enum Samples {
@@ -63,7 +63,7 @@ pub fn check_size(path: &Path, (width, height): (usize, usize)) -> Result<()> {
 pub fn check_bytes(path: &Path, (width, height): (usize, usize), bits: usize) -> Result<()> {
     let bytes = std::fs::metadata(path).map_err(|e| Error::io("read", path, e))?.len();
     let all = width.saturating_mul(height).saturating_mul(bits) as u64;
-    if all > bytes.saturating_mul(MOST_BITS_PER_BYTE) {
+    if all > bytes.saturating_mul(MAX_BITS_PER_BYTE) {
         return Err(Error::input(format!("{width} x {height} pixels in a file of {bytes} bytes"))
             .help("the file is cut off, or its header is wrong"));
     }
@@ -75,8 +75,8 @@ pub fn check_pixels([width, height]: [usize; 2]) -> Result<usize> {
     let what = || format!("a picture of {width} x {height} pixels");
     match width.checked_mul(height) {
         Some(0) => Err(Error::input(what())),
-        Some(pixels) if pixels <= MOST_PIXELS => Ok(pixels),
-        _ => Err(Error::limit(what()).help(format!("at most {MOST_PIXELS} pixels are read"))),
+        Some(pixels) if pixels <= MAX_PIXELS => Ok(pixels),
+        _ => Err(Error::limit(what()).help(format!("at most {MAX_PIXELS} pixels are read"))),
     }
 }
 

@@ -3,7 +3,7 @@
 //! Attributes that are read: `chromaticities` (without them the file's default, Rec. 709) and
 //! `whiteLuminance`, the luminance of R = G = B = 1 in cd/m².
 
-use super::picture::{MOST_PIXELS, Picture, Said, Samples};
+use super::picture::{MAX_PIXELS, Picture, Said, Samples};
 use crate::cube::BandSource;
 use crate::exr::{Channels, Window, is_spectral, part_name, refused};
 use ::exr::meta::attribute::SampleType;
@@ -71,7 +71,7 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
         return Err(Error::unsupported("colours of whole numbers (UINT)")
             .help("they have no unit: save them as halves or floats, 1 for white"));
     }
-    let window = Window::of(path, header, chosen.channels.len(), MOST_PIXELS)?;
+    let window = Window::of(path, header, chosen.channels.len(), MAX_PIXELS)?;
     let size = window.size;
     let source = Channels {
         path: path.into(),

@@ -17,10 +17,10 @@ pub(super) const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// Most bytes of a header with its extension.
 const MOST: u32 = 1 << 16;
 /// Most bytes of a payload.
-const MOST_PAYLOAD: u64 = 1 << 32;
+const MAX_PAYLOAD: u64 = 1 << 32;
 /// Most columns and rows, and most channels.
-const MOST_SIDE: u32 = 65_535;
-const MOST_CHANNELS: u32 = 1024;
+const MAX_SIDE: u32 = 65_535;
+const MAX_CHANNELS: u32 = 1024;
 
 const END: u32 = 2;
 const LUX: u32 = 4;
@@ -184,8 +184,8 @@ impl Header {
             Some(due) if due != payload => {
                 return Err(wrong_size(format!(" where {due} are due")));
             }
-            Some(_) if payload > MOST_PAYLOAD => {
-                return Err(wrong_size(format!(": at most {MOST_PAYLOAD} are read")));
+            Some(_) if payload > MAX_PAYLOAD => {
+                return Err(wrong_size(format!(": at most {MAX_PAYLOAD} are read")));
             }
             Some(_) => {}
         }
@@ -196,7 +196,7 @@ impl Header {
 impl Shape {
     fn parse(fields: &Fields<'_>, flags: u32, extension: &[u8]) -> Result<Self> {
         let limits =
-            [("columns", 40, MOST_SIDE), ("rows", 44, MOST_SIDE), ("channels", 48, MOST_CHANNELS)];
+            [("columns", 40, MAX_SIDE), ("rows", 44, MAX_SIDE), ("channels", 48, MAX_CHANNELS)];
         for (what, at, most) in limits {
             let value = fields.u32(at);
             if value == 0 || value > most {

@@ -10,7 +10,7 @@ const DIVIDED: usize = 4;
 const LEAST: usize = 2;
 /// Short flats, or short darks, from which levels are taken by turns: below, neither half has a
 /// series.
-const LEAST_LEVELS: usize = 6;
+const MIN_LEVELS: usize = 6;
 
 /// A short stack, and the halves it belongs to.
 pub(super) struct Short {
@@ -31,10 +31,10 @@ pub(super) fn stacks(set: &CaptureSet, counts: &[usize]) -> Vec<Short> {
         (0..counts.len()).filter(of).collect()
     };
     let (mut flats, mut darks) = (short(Role::Flat), short(Role::Dark));
-    if flats.len() < LEAST_LEVELS {
+    if flats.len() < MIN_LEVELS {
         flats.clear();
         // Darks go with flats, or are a series of their own.
-        if darks.len() < LEAST_LEVELS {
+        if darks.len() < MIN_LEVELS {
             return Vec::new();
         }
     }

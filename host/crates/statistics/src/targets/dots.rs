@@ -26,7 +26,7 @@ const REACH: f64 = 0.42;
 const OUTLIER: f64 = 5.0;
 /// Radius of the smallest dots that are measured, periods of the colour filter pattern: smaller
 /// ones have too few pixels of a channel for a centroid.
-const LEAST_RADIUS: f64 = 0.75;
+const MIN_RADIUS: f64 = 0.75;
 /// Standard deviations by which the summed light of a dot must stand out from the noise of its
 /// window.
 const VISIBLE: f64 = 5.0;
@@ -35,9 +35,9 @@ const NEIGHBOUR: f64 = 0.4;
 /// Centroids after the first: the window follows the dot until it no longer moves.
 const REFINEMENTS: usize = 3;
 /// Samples without which neither a dot nor its ground is measured.
-const LEAST_SAMPLES: usize = 4;
+const MIN_SAMPLES: usize = 4;
 /// Dots of a ring without which it has no mean.
-const LEAST_DOTS: usize = 3;
+const MIN_DOTS: usize = 3;
 
 /// A dot as one channel sees it.
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +57,7 @@ pub fn figures(camera: &Camera, dots: &Dots, picture: &Picture) -> Vec<Found> {
     let cfa = &camera.sensor.cfa;
     let frame = &picture.mean;
     let pitch = dots.pitch * frame.width as f64;
-    if dots.diameter * frame.width as f64 * 0.5 < LEAST_RADIUS * cfa.width as f64 {
+    if dots.diameter * frame.width as f64 * 0.5 < MIN_RADIUS * cfa.width as f64 {
         return Vec::new();
     }
     let reference = densest_channel(camera);
@@ -166,7 +166,7 @@ impl Grid {
         let (near, far): (Vec<[f64; 3]>, Vec<[f64; 3]>) =
             samples.iter().copied().partition(|s| libm::hypot(s[0], s[1]) <= reach);
         let n = far.len() as f64;
-        if far.len() < LEAST_SAMPLES || near.len() < LEAST_SAMPLES {
+        if far.len() < MIN_SAMPLES || near.len() < MIN_SAMPLES {
             return None;
         }
         let ground = far.iter().map(|s| s[2]).sum::<f64>() / n;
@@ -195,7 +195,7 @@ impl Grid {
 
 /// Mean of values with their variances, and its standard deviation; outliers are left out.
 fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
-    if values.len() < LEAST_DOTS {
+    if values.len() < MIN_DOTS {
         return None;
     }
     let median = |of: &dyn Fn(&(f64, f64)) -> f64| {
