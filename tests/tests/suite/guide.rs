@@ -1,8 +1,8 @@
-//! Runs every command of the guide as it is printed. One chapter is one session in an empty
+//! Runs every command of README and guide as it is printed. One page is one session in an empty
 //! folder.
 //!
-//! A block ```` ```sh NAME ... ```` needs the programs named and is skipped, by name, without
-//! them.
+//! Only ```` ```sh ```` blocks are run. A block ```` ```sh NAME ... ```` needs the programs named
+//! and is skipped, by name, without them.
 
 use std::path::Path;
 use std::process::Command;
@@ -35,10 +35,14 @@ fn blocks(markdown: &str) -> Vec<Block> {
     blocks
 }
 
-/// Runs a chapter's blocks in order in one folder.
-fn chapter(name: &str) {
-    let guide = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/guide"));
-    let text = std::fs::read_to_string(guide.join(name)).unwrap();
+/// The repository.
+fn root() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
+/// Runs a page's blocks in order in one folder.
+fn page(name: &str) {
+    let text = std::fs::read_to_string(root().join(name)).unwrap();
     let blocks = blocks(&text);
     let programs = tempfile::tempdir().unwrap();
     let program = programs.path().join("camrig");
@@ -70,66 +74,74 @@ fn chapter(name: &str) {
 }
 
 #[test]
+fn readme() {
+    page("README.md");
+}
+
+#[test]
 fn first_picture() {
-    chapter("first-picture.md");
+    page("docs/guide/first-picture.md");
 }
 
 #[test]
 fn a_camera_of_your_own() {
-    chapter("camera.md");
+    page("docs/guide/camera.md");
 }
 
 #[test]
 fn a_scene_from_a_camera() {
-    chapter("scene.md");
+    page("docs/guide/scene.md");
 }
 
 #[test]
 fn a_lens_from_a_patent() {
-    chapter("lens.md");
+    page("docs/guide/lens.md");
 }
 
 #[test]
 fn characterise_a_sensor() {
-    chapter("sensor.md");
+    page("docs/guide/sensor.md");
 }
 
 #[test]
 fn diagnose() {
-    chapter("diagnose.md");
+    page("docs/guide/diagnose.md");
 }
 
 #[test]
 fn drive_a_rig() {
-    chapter("rig.md");
+    page("docs/guide/rig.md");
 }
 
 #[test]
 fn feed_an_isp() {
-    chapter("isp.md");
+    page("docs/guide/isp.md");
 }
 
 #[test]
 fn many_pictures() {
-    chapter("many.md");
+    page("docs/guide/many.md");
 }
 
-/// Every chapter is run by a test, and no link is dead.
+/// Every page with commands is run by a test, and no link is dead.
 #[test]
-fn every_chapter_is_run_and_every_link_leads_somewhere() {
-    let guide = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/guide"));
+fn every_page_is_run_and_every_link_leads_somewhere() {
     let source = include_str!("guide.rs");
-    for entry in std::fs::read_dir(guide).unwrap() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        if !name.ends_with(".md") {
-            continue;
-        }
-        let text = std::fs::read_to_string(&path).unwrap();
-        let run = source.contains(&format!("chapter({name:?})"));
-        assert!(run || blocks(&text).is_empty(), "{name} has commands that no test runs");
-        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
-            assert!(guide.join(link).exists(), "{name} links to {link}");
+    for folder in ["", "docs/guide"] {
+        let folder = root().join(folder);
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.extension().is_none_or(|extension| extension != "md") {
+                continue;
+            }
+            let name = path.strip_prefix(root()).unwrap().display().to_string();
+            let text = std::fs::read_to_string(&path).unwrap();
+            let run = source.contains(&format!("page({name:?})"));
+            assert!(run || blocks(&text).is_empty(), "{name} has commands that no test runs");
+            for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+                let file = link.split('#').next().unwrap();
+                assert!(folder.join(file).exists(), "{name} links to {link}");
+            }
         }
     }
 }
