@@ -4,6 +4,7 @@
 //! Messages are in terms of the library. A program that has other names for the same things, as a
 //! command line has its flags, finds out by the error's code what to add.
 
+use crate::ErrorCode;
 use std::fmt;
 use std::path::Path;
 
@@ -43,7 +44,7 @@ pub struct Error {
     what: String,
     place: Option<String>,
     help: Option<String>,
-    code: Option<&'static str>,
+    code: Option<ErrorCode>,
     source: Option<Box<dyn std::error::Error + Send + Sync>>,
 }
 
@@ -108,9 +109,9 @@ impl Error {
         self
     }
 
-    /// Gives the error a code that does not change when its words do, such as `output-exists`.
+    /// Gives the error a code, which stays when its words change.
     #[must_use]
-    pub fn with_code(mut self, code: &'static str) -> Self {
+    pub fn with_code(mut self, code: ErrorCode) -> Self {
         self.code = Some(code);
         self
     }
@@ -135,7 +136,7 @@ impl Error {
 
     /// The error's code, if it has one.
     #[must_use]
-    pub fn code(&self) -> Option<&'static str> {
+    pub fn code(&self) -> Option<ErrorCode> {
         self.code
     }
 

@@ -39,6 +39,7 @@ mod cfa;
 pub mod choice;
 pub mod copies;
 mod error;
+mod error_code;
 mod frame;
 pub mod median;
 pub mod mistakes;
@@ -60,6 +61,7 @@ pub mod toml_text;
 
 pub use cfa::Cfa;
 pub use error::{Error, ErrorKind, Result};
+pub use error_code::ErrorCode;
 pub use frame::RawFrame;
 pub use plane::Plane;
 pub use spectrum::{Bands, Outside, Spectrum};

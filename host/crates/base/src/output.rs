@@ -10,7 +10,7 @@ mod live;
 
 pub use live::LiveOutput;
 
-use crate::{Error, Result, platform};
+use crate::{Error, ErrorCode, Result, platform};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -315,7 +315,7 @@ fn folder_of(path: &Path) -> &Path {
 fn exists(path: &Path) -> Error {
     Error::input(format!("{} exists", path.display()))
         .help("give another name, or ask to replace it")
-        .with_code("output-exists")
+        .with_code(ErrorCode::OutputExists)
 }
 
 fn cannot_create(path: &Path, error: io::Error) -> Error {

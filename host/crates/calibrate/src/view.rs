@@ -3,7 +3,7 @@
 use super::spectral::Channels;
 use camrig_base::Bands;
 use camrig_base::Cfa;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_light::Illuminant;
 use camrig_scene::chart::colorchecker;
 use std::str::FromStr;
@@ -91,7 +91,7 @@ impl View {
         }
         Err(Error::input(format!("{what} is saturated"))
             .help("merge in a shorter exposure, or expose less")
-            .with_code("saturated-capture"))
+            .with_code(ErrorCode::SaturatedCapture))
     }
 
     /// Means over the middle half of the 24 patches, within a rectangle drawn around them (outer

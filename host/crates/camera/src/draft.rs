@@ -8,7 +8,7 @@ use super::facts::{Fact, Sensor};
 use super::keys::{self, KEYS, Key};
 use super::typical::{self, GREEN_OVER_MONO, Known, rounded};
 use super::{Camera, Folder, builtin, efficiency};
-use camrig_base::{Error, Result, mistakes, toml_text};
+use camrig_base::{Error, ErrorCode, Result, mistakes, toml_text};
 use std::path::Path;
 
 /// What sort of knowledge a value is.
@@ -237,7 +237,7 @@ fn checked(request: &Request, making: &Making<'_>) -> Result<Vec<efficiency::Poi
     let missing: Vec<&Key> = missing.filter_map(|path| Key::of(path)).collect();
     if !missing.is_empty() {
         wrong.push(keys::are_missing(&missing));
-        return Err(mistakes::all(wrong).with_code("camera-keys"));
+        return Err(mistakes::all(wrong).with_code(ErrorCode::CameraKeys));
     }
     if wrong.is_empty() { Ok(points) } else { Err(mistakes::all(wrong)) }
 }

@@ -7,7 +7,7 @@
 //! fraction of saturation in the channel that gets most.
 
 use camrig_base::alternatives::Numbers;
-use camrig_base::{Error, Result, mistakes, toml_text};
+use camrig_base::{Error, ErrorCode, Result, mistakes, toml_text};
 use camrig_captures::{Light, Role, SceneSeen};
 use camrig_scene::sequence::{self, folder};
 use schemars::{JsonSchema, Schema, schema_for};
@@ -211,7 +211,7 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
         Role::Rotation => {
             return Err(Error::unsupported("rotation stacks are not taken by plans")
                 .help("simulate the bench that rotates the camera")
-                .with_code("rotation-stacks"));
+                .with_code(ErrorCode::RotationStacks));
         }
         _ => {}
     }

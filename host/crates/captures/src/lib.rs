@@ -58,7 +58,7 @@ pub mod manifest;
 pub use frames::{Batches, StoredFrame, open, open_with_facts};
 
 use camrig_base::Cfa;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 use schemars::JsonSchema;
 use std::path::{Path, PathBuf};
 
@@ -322,7 +322,7 @@ impl CaptureSet {
         if !inside(x, width, whole[0]) || !inside(y, height, whole[1]) {
             return Err(Error::input(format!("{region} of {} x {}", whole[0], whole[1]))
                 .help("give a region inside the frames")
-                .with_code("region-outside"));
+                .with_code(ErrorCode::RegionOutside));
         }
         let cfa = self.cfa();
         if !x.is_multiple_of(cfa.width) || !y.is_multiple_of(cfa.height) {

@@ -11,7 +11,7 @@
 use camrig_base::Bands;
 use camrig_base::output::OutputFile;
 use camrig_base::platform::read_at;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_sensor_core::spectral::{BandRow, encode, groups};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -191,7 +191,7 @@ impl IrradianceCube {
         let no_cube = |what: &str| {
             Error::input(format!("not an irradiance cube: {what}"))
                 .help("give a file in which irradiance was saved")
-                .with_code("no-irradiance")
+                .with_code(ErrorCode::NoIrradiance)
         };
         let mut start = [0; 12];
         read_at(&file, &mut start, 0).map_err(|_| no_cube("the file is too short"))?;

@@ -80,7 +80,7 @@ pub mod tiff16;
 mod tiff_samples;
 pub mod y4m;
 
-use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_base::{Error, ErrorCode, Plane, RawFrame, Result};
 pub use dng_info::DngInfo;
 pub use facts::Facts;
 pub use pixel_format::PixelFormat;
@@ -180,7 +180,7 @@ impl Frames {
         let missing = |name: &str| {
             Error::input(format!("the file does not say its {name}"))
                 .help("give what the file does not say")
-                .with_code("missing-facts")
+                .with_code(ErrorCode::MissingFacts)
         };
         let facts = &self.facts;
         let bits = facts.bits.ok_or_else(|| missing("bits per sample"))?;
@@ -296,7 +296,7 @@ impl Format {
                 frames.planes.len()
             ))
             .help("write .npy, .tiff, .fits, .csi2 or .raw, or choose one")
-            .with_code("several-frames"));
+            .with_code(ErrorCode::SeveralFrames));
         }
         match self {
             Self::Dng => {

@@ -12,7 +12,7 @@ mod names;
 pub use layout::Layout;
 
 use super::{Facts, Frames, area, check_range, full_scale, truncated};
-use camrig_base::{Cfa, Error, Plane, Result};
+use camrig_base::{Cfa, Error, ErrorCode, Plane, Result};
 use std::fmt;
 use std::path::Path;
 
@@ -266,7 +266,7 @@ fn not_whole(length: usize, frame_bytes: usize, padded: Option<usize>) -> Error 
             ),
             None => "are size, pixel format and stride right, and is the file whole?".into(),
         })
-        .with_code("row-padding")
+        .with_code(ErrorCode::RowPadding)
 }
 
 /// Whether a pattern is one of the four that pixel formats name.

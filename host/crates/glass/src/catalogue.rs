@@ -9,7 +9,7 @@ use crate::dispersion::{C_LINE, D_LINE, F_LINE};
 use crate::table::{built_in, note_on};
 use crate::text::number;
 use crate::{Glass, key};
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use std::collections::BTreeMap;
 
 /// Difference of index at the C, d and F lines up to which two glasses are the same one.
@@ -192,7 +192,7 @@ impl Catalogue {
                  give n_d:V_d in its place, or define it",
                 self.nearest(&wanted).join(", ")
             ))
-            .with_code("unknown-glass"))
+            .with_code(ErrorCode::UnknownGlass))
     }
 
     /// All glasses of a name: those of files, then built-in ones, then those under other names.
@@ -279,7 +279,7 @@ fn choose(name: &str, makers: &[String], mut candidates: Vec<Candidate>) -> Resu
                 "name one of these catalogues in the file, put the right one (.agf) beside it, \
                  or give n_d:V_d in place of {name}"
             ))
-            .with_code("unknown-glass"));
+            .with_code(ErrorCode::UnknownGlass));
         }
     };
     let more = first.found.note.iter().map(|more| format!("; {more}"));

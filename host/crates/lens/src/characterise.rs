@@ -8,7 +8,7 @@ use super::samples::PupilSamples;
 use super::system::System;
 use super::train::Train;
 use camrig_base::Spectrum;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_optics::{Characterisation, PsfGrid};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -248,7 +248,7 @@ pub(super) fn traced_psf(
             return Err(Error::unsupported("the wavefront is too strong for a diffraction PSF")
                 .at(place())
                 .help("use the method auto or geometric, or a smaller window")
-                .with_code("psf-method"));
+                .with_code(ErrorCode::PsfMethod));
         }
         (None, _) => psf::geometric(&PupilSamples::trace(beam, outline, GEOMETRIC_CELLS), window),
     };
@@ -260,7 +260,7 @@ pub(super) fn traced_psf(
                 "the lens is out of focus there: give its wavelengths, the distance of PSF \
                  samples or a shift of the sensor",
             )
-            .with_code("psf-window"));
+            .with_code(ErrorCode::PsfWindow));
     }
     Ok(psf)
 }
@@ -357,7 +357,7 @@ pub fn characterise(
             "give two heights or more and a largest field between 0 and 90 degrees: pictures are \
              of a plane in front of the lens",
         )
-        .with_code("largest-field"));
+        .with_code(ErrorCode::LargestField));
     }
     let top = system.paraxial_height_mm(plan.max_field_deg);
     let even: Vec<f64> =

@@ -12,7 +12,7 @@
 use super::prescription::{Clip, Object};
 use super::trace::{LANES, Rays, Start, lost_at, trace_lanes, trace_one};
 use super::train::Train;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use std::f64::consts::PI;
 
 /// The rays of a field point at one wavelength, around its chief ray.
@@ -179,7 +179,7 @@ impl<'a> Beam<'a> {
                 "its figures are traced at field points (x, y), and its characterisation over the \
                      plane of the image",
             )
-            .with_code("asymmetric-lens"));
+            .with_code(ErrorCode::AsymmetricLens));
         }
         let most = match train.object {
             Object::Infinity => 180.0,

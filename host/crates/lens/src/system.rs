@@ -10,7 +10,7 @@ use super::pupil::Beam;
 use super::real_height;
 use super::trace::{Shape, TrainSurface};
 use super::train::Train;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_glass::Glass;
 
 /// Width of a point's spot over that of the exit pupil from which on a sensor is told to be far out
@@ -102,7 +102,7 @@ impl System {
         if !(stop_radius_mm.is_finite() && stop_radius_mm > 0.0) {
             return Err(Error::input(format!("the stop radius comes out as {stop_radius_mm} mm"))
                 .help("give another aperture, or the radius of the stop")
-                .with_code("stop-radius"));
+                .with_code(ErrorCode::StopRadius));
         }
         if conditions.stop_radius_mm.is_none() {
             let note = stop_for_another_object(&prescription, &surfaces, designed, from_file);

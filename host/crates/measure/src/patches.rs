@@ -7,7 +7,7 @@
 //! and is comparable between frames of one camera. The luminance of a mono frame is its signal.
 
 use camrig_base::median::{SD_PER_MAD, median};
-use camrig_base::{Cfa, Error, Plane, Result};
+use camrig_base::{Cfa, Error, ErrorCode, Plane, Result};
 use camrig_scene::chart::colorchecker::{COLUMNS, ROWS};
 use serde::Serialize;
 
@@ -202,7 +202,7 @@ fn check_inside<T>(frame: &Plane<T>, centre: [f64; 2], half: f64) -> Result<()> 
     if !inside || half.is_nan() {
         return Err(Error::input("the patch lies outside the frame")
             .help("give the centres of patches 1, 6, 24 and 19 in pixels")
-            .with_code("patch-outside"));
+            .with_code(ErrorCode::PatchOutside));
     }
     Ok(())
 }

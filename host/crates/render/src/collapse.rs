@@ -9,7 +9,7 @@
 
 use super::cache::{self, OneLens};
 use super::{About, MadeFor, SceneInLight, made_for, sensor_grid};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
 use camrig_light::colour::mixture::{Components, Mixer};
@@ -131,7 +131,7 @@ impl Collapse {
                 "path {path} for a sensor with a crosstalk table"
             ))
             .help("its response differs from place to place: compute it by path bands")
-            .with_code("path-unsupported"));
+            .with_code(ErrorCode::PathUnsupported));
         }
         let lens = OneLens::new(camera, bands, options, directory)?;
         let mut made_for = lens.made_for.clone();
@@ -199,7 +199,7 @@ impl Collapse {
         opened.scene.components(mixer)?.ok_or_else(|| {
             Error::unsupported(format!("path {} for {:?}", self.path, opened.spec))
                 .help("it takes no scene whose bands were joined to fewer: use path bands")
-                .with_code("path-unsupported")
+                .with_code(ErrorCode::PathUnsupported)
         })
     }
 

@@ -6,7 +6,7 @@
 //! represented by the SHA-256 of their bytes, so that a copy elsewhere is the same lens.
 
 use super::CubeHeader;
-use camrig_base::{Bands, Error, Result, Spectrum};
+use camrig_base::{Bands, Error, ErrorCode, Result, Spectrum};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
 use camrig_lens::Setup;
 use camrig_lens::system::Focus;
@@ -163,7 +163,7 @@ pub fn check_made_for(camera: &Camera, header: &CubeHeader) -> Result<()> {
              the response: use the camera for which it was made, or run the optics again for \
              this one",
         )
-        .with_code("no-irradiance"))
+        .with_code(ErrorCode::NoIrradiance))
 }
 
 /// What could not be checked of a cube that does not say what it was made for.

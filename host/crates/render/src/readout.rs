@@ -4,7 +4,7 @@
 //! DN; levels and range stay. Charge binning adds the charges of n x n pixels before they are
 //! read: read noise counts once. It is a sensor of its own ([`charge_binned`]).
 
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{Error, ErrorCode, RawFrame, Result};
 use camrig_camera::Camera;
 
 /// A region of interest, pixels.
@@ -35,7 +35,7 @@ impl Region {
         if !inside(x, width, frame.width) || !inside(y, height, frame.height) {
             return Err(Error::input(format!("{region} of {} x {}", frame.width, frame.height))
                 .help("give a region inside the frame")
-                .with_code("region-outside"));
+                .with_code(ErrorCode::RegionOutside));
         }
         let (step_x, step_y) = (frame.cfa.width, frame.cfa.height);
         if !x.is_multiple_of(step_x) || !y.is_multiple_of(step_y) {

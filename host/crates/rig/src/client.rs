@@ -4,7 +4,7 @@ use super::feed::Feed;
 use super::held::Held;
 use super::transport::Transport;
 use super::{Url, emulator, hid, serial, tcp};
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{Error, ErrorCode, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
 use camrig_firmware_sim::camera;
 use camrig_firmware_sim::rig::frame_shape;
@@ -519,7 +519,7 @@ impl Rig {
             ),
             _ => Error::device("no answer from the rig")
                 .help("is it switched on, and is this its address?")
-                .with_code("rig-not-found"),
+                .with_code(ErrorCode::RigNotFound),
         };
         error.at(&self.url)
     }
@@ -556,7 +556,7 @@ impl Rig {
         };
         let error = match nack {
             Nack::Refused(Refusal::Arithmetic) => {
-                Error::unsupported(what).with_code("rig-arithmetic")
+                Error::unsupported(what).with_code(ErrorCode::RigArithmetic)
             }
             Nack::Refused(Refusal::Effects) => Error::unsupported(what),
             Nack::Refused(
@@ -565,7 +565,7 @@ impl Rig {
                 | Refusal::CameraTooLong { .. },
             ) => Error::limit(what),
             Nack::Refused(_) => Error::input(what),
-            Nack::Register(_) => Error::input(what).with_code("rig-register"),
+            Nack::Register(_) => Error::input(what).with_code(ErrorCode::RigRegister),
             _ => Error::disagreement(what),
         };
         error.at(&self.url).help(help)
@@ -592,7 +592,7 @@ fn announcement(
             config.width, config.height, config.bands
         ))
         .help("send fewer bands, or mean electrons")
-        .with_code("frame-too-large")
+        .with_code(ErrorCode::FrameTooLarge)
     };
     let mut shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
     if request.rows_stay {

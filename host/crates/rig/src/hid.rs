@@ -1,7 +1,7 @@
 //! Rigs that are USB devices of the class HID.
 
 use super::transport::{MAX_PACKET, Transport};
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_rig_link::framing::{Framing, Receiver, Sender};
 use camrig_rig_link::host::Limits;
 use hidapi::{HidApi, HidDevice};
@@ -44,7 +44,7 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
         return Err(Error::device("no such HID device is connected")
             .at(name)
             .help(format!("connected: {seen}"))
-            .with_code("rig-not-found"));
+            .with_code(ErrorCode::RigNotFound));
     }
     let device = match serial {
         Some(serial) => api.open_serial(vid, pid, serial),

@@ -38,6 +38,6 @@ impl PseudoTerminal {
     pub fn open() -> Result<Self> {
         Err(Error::unsupported("no pseudo-terminals on this system")
             .help("serve hosts on a TCP address")
-            .with_code("no-pseudo-terminals"))
+            .with_code(camrig_base::ErrorCode::NoPseudoTerminals))
     }
 }

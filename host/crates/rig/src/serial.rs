@@ -1,7 +1,7 @@
 //! Rigs on serial ports and CDC-ACM devices.
 
 use super::transport::{ByteLink, Transport};
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
 use std::io::{self, Write};
@@ -58,7 +58,7 @@ pub fn open(path: &str, baud: u32) -> Result<Box<dyn Transport>> {
         Error::device(what)
             .at(&name)
             .help("check the name, and close other programs that use this port")
-            .with_code("rig-not-found")
+            .with_code(ErrorCode::RigNotFound)
     };
     let port = serialport::new(path, baud).timeout(READ_TIMEOUT).open();
     let port = port.map_err(failed)?;

@@ -2,7 +2,7 @@
 
 use super::Token;
 use super::transport::{ByteLink, MAX_PACKET, Transport};
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
 use std::io::Write;
@@ -22,7 +22,7 @@ pub fn open(address: &str, token: Option<&Token>) -> Result<Box<dyn Transport>> 
         Error::device(format!("no rig answers: {e}"))
             .at(&name)
             .help("correct the address, or start a rig there")
-            .with_code("rig-unreachable")
+            .with_code(ErrorCode::RigUnreachable)
     };
     let mut last = std::io::ErrorKind::NotFound.into();
     for candidate in address.to_socket_addrs().map_err(failed)? {

@@ -1,7 +1,7 @@
 //! Addresses of rigs.
 
 use super::Token;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use std::fmt;
 
 /// Bits per second of a serial line unless the URL says: the highest rate
@@ -48,7 +48,7 @@ impl Url {
                     "use emulator:, tcp://HOST:PORT[?token=TEXT], \
                      serial:///dev/ttyACM0?baud=3000000 or hid://VID:PID[/SERIAL] (hexadecimal)",
                 )
-                .with_code("rig-not-found")
+                .with_code(ErrorCode::RigNotFound)
         };
         if text == "emulator:" {
             return Ok(Url::Emulator);

@@ -69,7 +69,7 @@ mod tiff_tags;
 mod units;
 
 pub use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_light::colour::mixture::Mixer;
 pub use components::Components;
 use std::path::Path;
@@ -346,7 +346,7 @@ fn unknown_scene(spec: &str) -> Error {
     if chart::NAMES.contains(&name) {
         return Error::input(format!("{name:?} is a chart, which has no pixels of its own"))
             .help("draw it first, at a number of pixels")
-            .with_code("chart-not-drawn");
+            .with_code(ErrorCode::ChartNotDrawn);
     }
     let picture = ["bmp", "webp", "gif", "ppm", "pfm", "heic", "avif", "jxl"];
     if picture.iter().any(|e| name.to_ascii_lowercase().ends_with(&format!(".{e}"))) {

@@ -11,7 +11,7 @@ use super::level::check_absolute;
 use super::preview;
 use super::stored::{self, Description};
 use camrig_base::output::{OutputDir, write_file};
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_formats::png;
 use camrig_light::Illuminant;
 use serde::{Deserialize, Serialize};
@@ -44,7 +44,9 @@ impl Library {
     pub fn open(directory: &Path) -> Result<Self> {
         let path = directory.join(MANIFEST);
         let text = std::fs::read_to_string(&path).map_err(|e| {
-            Error::io("read", &path, e).help("add a scene to make it").with_code("no-library")
+            Error::io("read", &path, e)
+                .help("add a scene to make it")
+                .with_code(ErrorCode::NoLibrary)
         })?;
         let manifest: Manifest = toml::from_str(&text)
             .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))?;

@@ -8,7 +8,7 @@
 //! model has the causes.
 
 use camrig_base::Cfa;
-use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_base::{Error, ErrorCode, Plane, RawFrame, Result};
 use camrig_camera::{AnyEffect, Camera, read_effect};
 use camrig_captures::{CaptureSet, Role};
 use camrig_measure::mtf::{self, Edge, Roi};
@@ -202,7 +202,7 @@ pub fn of_captures(set: &CaptureSet) -> Result<(Taken, [Level; 2])> {
     let edge = set.with_role(Role::Edge).next().ok_or_else(|| {
         Error::input("no edge capture")
             .help("take the captures of the plan `paper`")
-            .with_code("no-edge-capture")
+            .with_code(ErrorCode::NoEdgeCapture)
     })?;
     let lux = |c: &&camrig_captures::Capture| c.light.as_ref().and_then(|l| l.lux);
     let mut charts: Vec<_> = set.with_role(Role::Chart).filter(|c| lux(c).is_some()).collect();

@@ -12,8 +12,8 @@ use super::readout::ReadoutArgs;
 use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
 use super::times::TimeArgs;
 use super::{live, simulate};
-use camrig_base::Result;
 use camrig_base::stop::Stoppable;
+use camrig_base::{ErrorCode, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
@@ -270,7 +270,7 @@ fn tell_injected(rig: &mut Rig) -> Result<()> {
             );
             Ok(())
         }
-        Err(error) if error.code() == Some("rig-not-found") => {
+        Err(error) if error.code() == Some(ErrorCode::RigNotFound) => {
             eprintln!("note: the rig does not answer about its fault and test-pattern registers");
             Ok(())
         }

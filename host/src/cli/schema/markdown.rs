@@ -1,5 +1,6 @@
 //! JSON schemas as pages for people: a table of keys for each table of a file.
 
+use camrig_base::ErrorCode;
 use serde_json::Value;
 
 const HEAD: &str = "\
@@ -10,12 +11,26 @@ be given. Unknown keys are refused. `camrig schema FILE` prints the same as a JS
 `camrig explain KEY` says more about a key of the camera file.
 ";
 
-/// The page of several files: their headings and schemas.
+const ERRORS: &str = "
+## Error codes
+
+`Error::code` of the library, an `ErrorCode`. The words of a message may change, its code does not. Errors that no program
+has to tell apart have none.
+
+| code | meaning |
+|---|---|
+";
+
+/// The page of several files, by their headings and schemas, and of the codes of errors.
 pub fn page(files: &[(&str, Value)]) -> String {
     let mut page = HEAD.to_string();
     for (heading, schema) in files {
         page += &format!("\n## {heading}\n");
         Reference { root: schema, page: &mut page }.table("", schema);
+    }
+    page += ERRORS;
+    for code in ErrorCode::ALL {
+        page += &format!("| `{}` | {} |\n", code.name(), code.doc());
     }
     page
 }

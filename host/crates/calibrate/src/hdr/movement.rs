@@ -6,7 +6,7 @@ use super::noise::{Noise, SIDE, Seen, load};
 use super::{Flag, Shots};
 use camrig_base::Cfa;
 use camrig_base::median::median;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -247,7 +247,7 @@ impl<'a> Samples<'a> {
                 "correct the exposure_s that is wrong, or leave that capture out; a camera that \
                  is not linear needs its response",
             )
-            .with_code("exposure-time"));
+            .with_code(ErrorCode::ExposureTime));
         }
         Ok(())
     }

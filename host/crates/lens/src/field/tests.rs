@@ -67,7 +67,7 @@ fn what_has_no_two_dimensional_figures_is_refused_in_words() {
     assert!(error.contains("image heights"), "{error}");
     let lens = system(TILTED);
     let error = characterise::field_points(&lens, &[0.0], &[587.6]).unwrap_err();
-    assert_eq!(error.code(), Some("asymmetric-lens"));
+    assert_eq!(error.code(), Some(camrig_base::ErrorCode::AsymmetricLens));
     assert!(error.to_string().contains("surface 4 is tilted"), "{error}");
     let map = Map::of(&lens).unwrap();
     for field in [[90.0, 0.0], [60.0, 60.0], [f64::NAN, 0.0]] {

@@ -17,7 +17,7 @@ mod surface;
 use self::regions::{Black, SAME, signals};
 use self::surface::{Estimate, Point, Surface};
 use super::value::Value;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_captures::{Capture, CaptureSet, Role, Rotation, Scan};
 use serde::Serialize;
 
@@ -106,7 +106,7 @@ pub fn fit(set: &CaptureSet) -> Result<Crosstalk> {
     if captures.is_empty() {
         return Err(Error::input("no rotation captures")
             .help("give captures with role = \"rotation\"")
-            .with_code("rotation-stacks"));
+            .with_code(ErrorCode::RotationStacks));
     }
     let letters = set.cfa().channels();
     let black = Black::of(set)?;

@@ -36,7 +36,7 @@ use self::sfr::{Sfr, Spread};
 use super::value::Value;
 use camrig_base::Cfa;
 use camrig_base::median::{SD_PER_MAD, median};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 use serde::Serialize;
 use std::borrow::Borrow;
 
@@ -433,7 +433,7 @@ fn find<T: Copy + Into<f64>>(
             roi.x, roi.y, roi.width, roi.height, frame.width, frame.height
         ))
         .help("give column, row, width and height in pixels")
-        .with_code("region-outside"));
+        .with_code(ErrorCode::RegionOutside));
     }
     if roi.width.min(roi.height) < MIN_SIDE {
         return Err(Error::input(format!("region of {} x {} pixels", roi.width, roi.height))

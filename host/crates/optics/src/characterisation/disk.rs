@@ -35,7 +35,7 @@
 use super::Between;
 use super::{Characterisation, PsfGrid, plane_disk};
 use camrig_base::Spectrum;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_formats::npy;
 use npyz::WriterBuilder;
 use serde::de::DeserializeOwned;
@@ -111,7 +111,7 @@ pub(super) fn head<T: DeserializeOwned>(dir: &Path, format: &str) -> Result<T> {
         return Err(Error::unsupported("the lens is not rotationally symmetric")
             .at(place())
             .help("its tables are over places of the image; pictures through it can be made")
-            .with_code("asymmetric-lens"));
+            .with_code(ErrorCode::AsymmetricLens));
     }
     if found != format {
         return Err(Error::input(format!("format \"{found}\""))
@@ -233,7 +233,7 @@ pub(super) fn write_directory(
     if dir.exists() && !force {
         return Err(Error::input(format!("{} exists already", dir.display()))
             .help("choose another name, or replace it")
-            .with_code("output-exists"));
+            .with_code(ErrorCode::OutputExists));
     }
     if dir.exists() && !dir.join("lens.toml").exists() {
         return Err(Error::input(format!("{} is not a lens directory", dir.display()))

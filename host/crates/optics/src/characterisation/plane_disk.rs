@@ -162,7 +162,7 @@ mod tests {
         let read = LensTables::read(&other).unwrap();
         assert!(matches!(read, LensTables::Heights(h) if h == heights));
         let error = Characterisation::read(&path).unwrap_err();
-        assert_eq!(error.code(), Some("asymmetric-lens"), "{error}");
+        assert_eq!(error.code(), Some(camrig_base::ErrorCode::AsymmetricLens), "{error}");
         let psf = path.join("psf.npy");
         let bytes = std::fs::read(&psf).unwrap();
         std::fs::write(&psf, &bytes[..bytes.len() / 2]).unwrap();

@@ -233,5 +233,5 @@ fn electrons_refuse_another_response_and_scenes_and_sensors_that_need_bands() {
     let spec = mixtures(&folder.path().join("cube.npy"), 80, "start_nm=400,step_nm=5");
     let many = stage(Path::new(&spec), OpticsPath::Components);
     let said = many.run(&own, |_, _| ()).err().unwrap();
-    assert_eq!(said.code(), Some("path-unsupported"), "{said}");
+    assert_eq!(said.code(), Some(camrig_base::ErrorCode::PathUnsupported), "{said}");
 }

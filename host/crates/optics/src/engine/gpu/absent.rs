@@ -1,7 +1,7 @@
 //! Graphics processors in a program built without the feature `gpu`: none can be opened.
 
 use super::varying::{Kernels, Rows, Tiling};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 
 /// None.
 #[derive(Debug)]
@@ -15,7 +15,7 @@ impl Gpu {
     pub fn open(_any: bool) -> Result<&'static Self> {
         Err(Error::unsupported("this camrig was built without graphics processors")
             .help("build it with the feature `gpu`, or use the processor")
-            .with_code("built-without-graphics"))
+            .with_code(ErrorCode::BuiltWithoutGraphics))
     }
 
     pub fn name(&self) -> &str {

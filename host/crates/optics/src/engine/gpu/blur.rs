@@ -2,7 +2,7 @@
 
 use super::super::varying::{Kernels, Rows, Tiling};
 use super::Gpu;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, ErrorCode, Plane, Result};
 use pulp::bytemuck::cast_slice;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -78,7 +78,7 @@ impl Blurrer {
             let what = format!("{} cells per pixel on {}", tiling.oversample, gpu.name);
             return Err(Error::limit(what)
                 .help("use at most 16, or the processor")
-                .with_code("graphics-processor"));
+                .with_code(ErrorCode::GraphicsProcessor));
         }
         let constants = [
             ("oversample", tiling.oversample),
@@ -167,7 +167,7 @@ impl Blurrer {
                     format!("kernels of {0} x {0} entries on {1}", tiling.kernel, self.gpu.name);
                 return Err(Error::limit(format!("{what}: they do not fit into its buffers"))
                     .help("use the processor")
-                    .with_code("graphics-processor"));
+                    .with_code(ErrorCode::GraphicsProcessor));
             }
         }
         Ok(rows)

@@ -8,7 +8,7 @@
 mod blur;
 
 pub use blur::Blurrer;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use wgpu::{Adapter, Backends, Buffer, BufferDescriptor, BufferUsages, DeviceType};
 
@@ -58,7 +58,7 @@ impl Gpu {
                 "install its driver, or mesa-vulkan-drivers for one in software, or use the \
                  processor",
             )
-            .with_code("graphics-processor")
+            .with_code(ErrorCode::GraphicsProcessor)
         })?;
         Self::of(&adapter)
     }
@@ -71,7 +71,7 @@ impl Gpu {
             pollster::block_on(adapter.request_device(&wanted)).map_err(|e| {
                 Error::device(format!("{} cannot be opened: {e}", info.name))
                     .help("use the processor")
-                    .with_code("graphics-processor")
+                    .with_code(ErrorCode::GraphicsProcessor)
             })?;
         let trouble = Arc::new(Mutex::new(None));
         let note = |trouble: &Mutex<Option<String>>, what: String| {
@@ -112,7 +112,7 @@ impl Gpu {
     fn failed(&self, what: impl std::fmt::Display) -> Error {
         Error::device(format!("{} gave up: {what}", self.name))
             .help("use the processor")
-            .with_code("graphics-processor")
+            .with_code(ErrorCode::GraphicsProcessor)
     }
 }
 
