@@ -1,4 +1,4 @@
-//! What several commands have in common: durations, progress bars, how frames are taken.
+//! Arguments shared by several commands: durations, cameras, exposure, outputs; progress bars.
 
 use super::readout::ReadoutArgs;
 use camrig_base::output::OutputFile;
@@ -26,7 +26,7 @@ pub struct ChangeArgs {
 }
 
 impl ChangeArgs {
-    /// A camera, a preset or a file, with the changes.
+    /// Loads a preset or a camera file with the changes applied.
     pub fn load(&self, camera: &str) -> Result<Camera> {
         Camera::load_with(camera, &self.set)
     }
@@ -40,20 +40,20 @@ pub struct CameraArgs {
     pub camera: String,
     #[command(flatten)]
     changes: ChangeArgs,
-    /// Which of its noise pictures have
+    /// Which noise frames have
     #[arg(long, value_name = "NOISE", default_value = "all", value_parser = kept_noise())]
     noise: KeptNoise,
 }
 
 impl CameraArgs {
-    /// The camera with its changes, and with the noise that pictures are to have.
+    /// Loads the camera with its changes and the noise that frames are to have.
     pub fn load(&self) -> Result<Camera> {
         let mut camera = self.changes.load(&self.camera)?;
         camera.keep_noise(self.noise);
         Ok(camera)
     }
 
-    /// The name of a preset as it is; `None` of a file, or of a preset that was changed.
+    /// The name of an unchanged preset; `None` for a file or a changed preset.
     pub fn preset(&self) -> Option<&str> {
         let unchanged = self.changes.set.is_empty() && self.noise == KeptNoise::All;
         (is_preset(&self.camera) && unchanged).then_some(&self.camera)
@@ -96,7 +96,7 @@ pub fn frames_per_s(text: &str) -> Result<f64, String> {
     Ok(positive(number.trim())? / positive(per.trim())?)
 }
 
-/// Reads one of the choices that the library offers by its name; the help lists them all.
+/// Parser of one of the library's choices by its name; the help lists them all.
 pub fn choice<T>(
     all: &[T],
     name: fn(T) -> &'static str,
@@ -109,46 +109,46 @@ where
     PossibleValuesParser::new(listed).try_map(|name| name.parse::<T>())
 }
 
-/// Reads what the optics run on.
+/// Parser of the device for the optics.
 pub fn device() -> impl TypedValueParser<Value = DeviceChoice> {
     choice(&DeviceChoice::ALL, DeviceChoice::name, |device| match device {
-        DeviceChoice::Cpu => "The processor: the same bytes on any machine",
+        DeviceChoice::Cpu => "The CPU: the same bytes on any machine",
         DeviceChoice::Gpu => {
-            "A graphics processor of any kind, a stand-in in software too: the same within 32-bit \
+            "Any graphics processor, even a software device: equal to the CPU within 32-bit \
              rounding"
         }
         DeviceChoice::Auto => {
-            "A dedicated graphics processor where there is one, else the processor"
+            "A dedicated graphics processor if there is one, otherwise the CPU"
         }
     })
 }
 
-/// Reads the arithmetic of the sensor stage.
+/// Parser of the arithmetic of the sensor stage.
 pub fn arithmetic() -> impl TypedValueParser<Value = Arithmetic> {
     choice(&Arithmetic::ALL, Arithmetic::name, |arithmetic| match arithmetic {
         Arithmetic::F32 => "32-bit floating point",
-        Arithmetic::Fixed => "32-bit fixed point, as on parts without a floating-point unit",
+        Arithmetic::Fixed => "32-bit fixed point, for microcontrollers without a floating-point unit",
     })
 }
 
-/// Reads which noise pictures have.
+/// Parser of which noise frames have.
 fn kept_noise() -> impl TypedValueParser<Value = KeptNoise> {
     choice(&KeptNoise::ALL, KeptNoise::name, |kept| match kept {
-        KeptNoise::All => "Noise, dark charge, fixed patterns and defects of the camera file",
-        KeptNoise::Shot => "The shot noise of light alone",
-        KeptNoise::None => "None: mean signals, rounded to DN",
+        KeptNoise::All => "All noise, dark current, fixed patterns and defects of the camera file",
+        KeptNoise::Shot => "Photon shot noise only",
+        KeptNoise::None => "No noise: mean signals, rounded to DN",
     })
 }
 
-/// A band of 10 nm, the width of narrow-band light where nothing says it.
+/// A band of 10 nm, the width assumed for narrow-band light.
 pub fn band_at(nm: f64) -> Bands {
     Bands { start_nm: nm, step_nm: 10.0, count: 1 }
 }
 
-/// Says that the link to a rig broke and is opened again.
+/// Reports that the link to a rig broke and is being reopened.
 pub fn broken_link(error: &Error) {
     let rig = error.place().unwrap_or("the rig");
-    eprintln!("the link broke; taking the frame up again at {rig}");
+    eprintln!("the link broke; resuming the frame at {rig}");
 }
 
 /// A progress bar on standard error, hidden when that is not a terminal.
@@ -158,25 +158,25 @@ pub fn progress(label: &'static str, total: u64) -> ProgressBar {
     ProgressBar::new(total).with_style(style).with_prefix(label)
 }
 
-/// A progress bar of frames; of no length where they go on until the scene is over (`u32::MAX`).
+/// A progress bar of frames; without a length if they go on to the end of the scene (`u32::MAX`).
 pub fn frames_bar(count: u32) -> ProgressBar {
     progress("frames", if count == u32::MAX { 0 } else { count.into() })
 }
 
-/// What the optics run on.
+/// The device for the optics.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct DeviceArgs {
-    /// What a lens's blur that varies over the field runs on
+    /// Device that computes blur varying over the field
     #[arg(long, value_parser = device(), default_value_t, value_name = "D")]
     pub device: DeviceChoice,
 }
 
-/// Integration time, or how it is found.
+/// Exposure time, or how it is determined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Exposure {
     /// Seconds.
     Time(f64),
-    /// Found by trial frames.
+    /// Determined from trial frames.
     Auto(Brightness),
 }
 
@@ -192,55 +192,55 @@ pub fn exposure(text: &str) -> Result<Exposure, String> {
 /// How frames are taken and where they go.
 #[derive(clap::Args, Clone, Debug)]
 pub struct FrameArgs {
-    /// Integration time: 20ms, 1.5s, 300us; auto (99 % of the samples below 0.85 of the range), or
-    /// auto:SHARE (mean of green, as a share of the range above black)
+    /// Exposure time: 20ms, 1.5s, 300us; auto (99 % of the samples below 0.85 of full scale), or
+    /// auto:SHARE (mean of green, as a fraction of full scale above black)
     #[arg(long, value_parser = exposure, allow_hyphen_values = true, value_name = "TIME")]
     pub exposure: Exposure,
-    /// Analog gain; the camera file's unless given
+    /// Analog gain [default: that of the camera file]
     #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
     #[command(flatten)]
     pub(super) readout: ReadoutArgs,
-    /// Whether frames are taken until the scene is over, where their number is not given.
+    /// Whether frames are taken to the end of the scene if their number is not given.
     #[arg(skip)]
     pub until_over: bool,
-    /// Frames to take; more than one go into a directory, or one after another as headerless
-    /// pixels, csi2, mcap, pgm or y4m; into - or a named pipe each as soon as it is there
-    /// [default: 1, or as many as the bracket or a sequence has]
+    /// Number of frames. Several frames go into a directory, or one after another into a stream
+    /// (headerless pixels, csi2, mcap, pgm, y4m); to - or a named pipe, each is written as soon as
+    /// it is ready [default: 1, or those of the bracket or sequence]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
-    /// Exposure bracket: steps in EV around the exposure, taken in turn
+    /// Exposure bracket: steps in EV relative to the exposure, one frame each
     #[arg(long, value_name = "EV,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub bracket: Vec<f64>,
-    /// Two exposures in one frame: rows:RATIO (pairs of rows long and short in turn) or
-    /// `staggered:RATIO[:OFFSET]` (each row twice, the short one OFFSET rows later)
+    /// Two exposures in one frame: rows:RATIO (alternating pairs of long and short rows) or
+    /// `staggered:RATIO[:OFFSET]` (each row twice, the short exposure OFFSET rows later)
     #[arg(long, value_name = "FORM", value_parser = Hdr::parse)]
     #[arg(conflicts_with_all = ["roi", "binning"])]
     pub hdr: Option<Hdr>,
-    /// Number of the first frame: names its temporal noise; fixed patterns stay the sensor's
+    /// Number of the first frame, the seed of its temporal noise; fixed patterns do not change
     #[arg(long, default_value_t = 0, value_name = "K")]
     pub frame_seed: u32,
     /// Arithmetic of the sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     pub arith: Arithmetic,
-    /// Run the sensor stage on a rig: emulator:, tcp://HOST:PORT, serial://..., hid://...; the
-    /// same bytes
+    /// Run the sensor stage on a rig, with the same bytes: emulator:, tcp://HOST:PORT,
+    /// serial://..., hid://...
     #[arg(long, value_name = "URL")]
     pub rig: Option<String>,
     /// Output: .dng .tiff .npy .pgm .fits, .png (a picture to look at), or a directory for several
     /// frames
     #[arg(short, long, value_name = "OUT", allow_hyphen_values = true)]
     pub output: PathBuf,
-    /// Format of the output where its name does not say it, as for -: dng, npy, pgm, csi2, y4m (of
-    /// sensors without colour filters), or the V4L2 name of headerless pixels. These are at full
-    /// scale where their bits are not the sensor's: of 10 bits, SRGGB16 is shifted left by 6 and
+    /// Output format, if the name does not determine it, as for -: dng, npy, pgm, csi2, y4m
+    /// (sensors without colour filters), or the V4L2 name of headerless pixels. These are scaled if
+    /// they have another bit depth than the sensor: from 10 bits, SRGGB16 is shifted left by 6 and
     /// SRGGB8 right by 2
     #[arg(long, value_name = "FORMAT")]
     pub to: Option<String>,
-    /// DNG: also carry lens shading and bad pixels, as opcodes for the raw converter to correct
+    /// DNG: write lens shading and bad pixels as opcodes, for the raw converter to correct
     #[arg(long, conflicts_with_all = ["roi", "binning"])]
     pub opcodes: bool,
-    /// Also write a page about the frames, for people: pictures, plots, tables, the camera file
+    /// Also write an HTML report: pictures, plots, tables, the camera file
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
     /// Replace existing output
@@ -251,12 +251,12 @@ pub struct FrameArgs {
     pub json: bool,
 }
 
-/// Opens the file of a page before the work, so that a bad name fails at once.
+/// Opens the file of a report before the work, so that a bad name fails at once.
 pub fn open_report(path: Option<&Path>, force: bool) -> Result<Option<OutputFile>> {
     path.map(|path| OutputFile::create(path, force)).transpose()
 }
 
-/// Writes a page.
+/// Writes a report.
 pub fn write_report(mut file: OutputFile, page: &Page) -> Result<()> {
     file.write_all(page.html().as_bytes())
         .map_err(|e| Error::io("write", Path::new("the report"), e))?;
@@ -264,13 +264,13 @@ pub fn write_report(mut file: OutputFile, page: &Page) -> Result<()> {
 }
 
 impl FrameArgs {
-    /// Frames to take, at most.
+    /// Maximum number of frames to take.
     pub fn count(&self) -> u32 {
         let usual = if self.until_over { u32::MAX } else { self.bracket.len().max(1) as u32 };
         self.frames.unwrap_or(usual)
     }
 
-    /// The integration time, s; one that is found by trial frames is told.
+    /// The exposure time, s; prints a note if it was determined from trial frames.
     pub fn exposure_s(
         &self,
         camera: &Camera,
@@ -305,7 +305,7 @@ impl FrameArgs {
 /// highlights saturate in any light, and a scene that is overexposed has more.
 pub const WARN_SATURATED: f64 = 1e-3;
 
-/// Tells a person what was written, and warns of what the figures show.
+/// Prints what was written, and warns of saturation.
 pub fn report(written: &[Value], json_object: Value, as_json: bool) {
     for frame in written {
         let channels = frame["channels"].as_object();

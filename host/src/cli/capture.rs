@@ -1,4 +1,4 @@
-//! `camrig capture`: a whole capture set, simulated.
+//! `camrig capture`: simulates a complete capture set.
 
 use super::arguments::{CameraArgs, arithmetic, broken_link, progress};
 use super::readout::ReadoutArgs;
@@ -10,7 +10,7 @@ use camrig_render::Arithmetic;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Simulate a whole capture set: dark, flat, edge and chart stacks after a plan
+/// Simulate a complete capture set: dark, flat, edge and chart stacks of a plan
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Built-in plans: diagnosis, optics, emva, ptc, paper. Examples:\n  \
     camrig capture --camera mt9v024 --plan ptc -o captures\n  \
@@ -27,13 +27,13 @@ pub struct Args {
     /// Directory of the capture set
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Number of the first frame: names the temporal noise of the set
+    /// Number of the first frame, the seed of the set's temporal noise
     #[arg(long, default_value_t = 0, value_name = "K")]
     frame_seed: u32,
-    /// Frames per stack, instead of what the plan says
+    /// Frames per stack [default: those of the plan]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
-    /// Simulate a smaller sensor of the same pixels
+    /// Simulate a smaller sensor with the same pixels
     #[arg(long, value_name = "W,H", value_parser = side_lengths)]
     size: Option<(u32, u32)>,
     #[command(flatten)]
@@ -43,8 +43,8 @@ pub struct Args {
     /// Arithmetic of the sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
-    /// Let a rig take the frames: emulator:, tcp://HOST:PORT, serial://..., hid://...; the same
-    /// bytes
+    /// Take the frames with a rig, with the same bytes: emulator:, tcp://HOST:PORT, serial://...,
+    /// hid://...
     #[arg(long, value_name = "URL")]
     rig: Option<String>,
     /// Replace an existing set
@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let total: u64 = shots.iter().map(|s| u64::from(s.frames)).sum();
     let bar = progress("frames", total);
-    // A preset can be named in the set; a file's place relative to the set is not known to last.
+    // The set can refer to a preset by name; a file may later be moved relative to the set.
     let lamps = args.lamps.of(&camera)?;
     times::refuse_regions(&lamps, "a capture set")?;
     let options = take::TakeOptions {

@@ -9,9 +9,9 @@ use std::process::ExitCode;
 
 /// Convert raw frames between file formats without changing a sample.
 ///
-/// Formats follow the names: .dng .tiff .npy .pgm .png (16-bit grey) .fits .csi2 (MIPI CSI-2
-/// packets) and .raw, headerless pixels in the V4L2 or GenICam format that the name says. Input is
-/// recognised by its content, also within gzip, except for headerless pixels.
+/// The name determines the format: .dng .tiff .npy .pgm .png (16-bit grey) .fits .csi2 (MIPI CSI-2
+/// packets) or .raw, headerless pixels in the V4L2 or GenICam format given in the name. Input is
+/// recognised by its content, even if gzipped, except for headerless pixels.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig convert frame.dng frame.npy
   camrig convert frame.dng frame_2048x1536_SGRBG10P.raw --hint
@@ -25,11 +25,11 @@ pub struct Args {
     input: PathBuf,
     /// Output file, or - for standard output
     output: PathBuf,
-    /// Output format, where the name does not say it: dng, tiff, npy, pgm, png, fits, csi2, or the
-    /// V4L2 name of headerless pixels
+    /// Output format, if the name does not determine it: dng, tiff, npy, pgm, png, fits, csi2, or
+    /// the V4L2 name of headerless pixels
     #[arg(long, value_name = "FORMAT")]
     to: Option<String>,
-    /// V4L2 name of headerless input, where its name does not say it: SRGGB10P, SGRBG12, Y16, ...
+    /// V4L2 name of headerless input, if the file name does not have it: SRGGB10P, SGRBG12, Y16, ...
     #[arg(long, value_name = "NAME")]
     from: Option<String>,
     /// Columns of headerless input
@@ -38,25 +38,25 @@ pub struct Args {
     /// Rows of headerless input
     #[arg(long)]
     height: Option<usize>,
-    /// Bytes from row to row of headerless input [default: those of a row]
+    /// Row stride of headerless input, bytes [default: the length of a row]
     #[arg(long, value_name = "BYTES")]
     stride: Option<usize>,
-    /// Bits of a sample, where the file does not say or is wrong
+    /// Bits per sample, if missing or wrong in the file
     #[arg(long, value_name = "N")]
     bits: Option<u32>,
-    /// Colour filter pattern, where the file does not say or is wrong: RGGB, RCCC, mono, ...
+    /// Colour filter pattern, if missing or wrong in the file: RGGB, RCCC, mono, ...
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
-    /// Black level, where the file does not say or is wrong
+    /// Black level, if missing or wrong in the file
     #[arg(long, value_name = "DN")]
     black: Option<f64>,
-    /// Saturated level, where the file does not say or is wrong
+    /// White level (saturation), if missing or wrong in the file
     #[arg(long, value_name = "DN")]
     white: Option<u16>,
-    /// Take only this frame of a stack, counted from 0
+    /// Convert only this frame of a stack, counted from 0
     #[arg(long, value_name = "N")]
     frame: Option<usize>,
-    /// Write a picture (8-bit sRGB PNG) to look at, instead of raw samples
+    /// Write a viewable picture (8-bit sRGB PNG) instead of raw samples
     #[arg(long)]
     preview: bool,
     /// CSI-2 output: put every line between Line Start and Line End packets
@@ -111,8 +111,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What to tell of raw samples in a picture format of 16 bits, which viewers show as they are:
-/// dark, where they end far below its range.
+/// A note for raw samples in a 16-bit picture format: viewers show them without scaling, and so
+/// dark if they use a small part of the range.
 fn dark_picture(format: &Format, facts: &Facts) -> Option<String> {
     let bits = facts.bits.unwrap_or(u16::BITS);
     let of_16_bits = match format {
@@ -123,8 +123,8 @@ fn dark_picture(format: &Format, facts: &Facts) -> Option<String> {
     let white = facts.white_level_dn.unwrap_or(((1u32 << bits.min(u16::BITS)) - 1) as u16);
     (of_16_bits && white < u16::MAX / 2).then(|| {
         format!(
-            "samples are kept as they are, raw and to {white} of {}: programs that show pictures \
-             show them dark and without colours (--preview writes a picture to look at)",
+            "raw samples are stored unscaled, up to {white} of {}: picture viewers show them dark \
+             and without colours (--preview writes a viewable picture)",
             u16::MAX
         )
     })
@@ -174,7 +174,7 @@ fn output_format(args: &Args) -> Result<Format> {
     match &args.to {
         Some(name) => Format::parse(name).map_err(|e| e.at("--to")),
         None if args.output.as_os_str() == "-" => {
-            Err(Error::input("standard output does not say its format")
+            Err(Error::input("standard output has no name that determines the format")
                 .help("give --to, for instance --to npy"))
         }
         None => Format::from_path(&args.output),
@@ -197,7 +197,7 @@ fn csi2_options(args: &Args, frames: &Frames) -> csi2::Options {
     }
 }
 
-/// Talk goes to standard error: standard output may be carrying the pixels.
+/// Hints go to standard error: standard output may carry the pixels.
 fn hint(path: &Path, format: &Format, frames: &Frames) {
     match format {
         Format::Raw(pixels) => {

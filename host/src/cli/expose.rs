@@ -14,7 +14,7 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// The sensor stage alone on stored irradiance: another exposure, gain, light level or noise
+/// Run only the sensor stage on saved irradiance: another exposure, gain, light level or noise
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig simulate --camera mt9t012 --scene colorchecker --exposure 20ms \\\n    \
@@ -23,22 +23,22 @@ use std::process::ExitCode;
 pub struct Args {
     #[command(flatten)]
     camera: CameraArgs,
-    /// Irradiance kept by `camrig simulate --save-irradiance`
+    /// Irradiance saved by `camrig simulate --save-irradiance`
     #[arg(long, value_name = "FILE")]
     irradiance: PathBuf,
-    /// Scene illuminance, lx, instead of the one it was made for
+    /// Scene illuminance, lx [default: the one it was computed for]
     #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     lux: Option<f64>,
     #[command(flatten)]
     frames: FrameArgs,
 }
 
-/// Opens irradiance that was made for `camera`, and tells what there is to know of it.
+/// Opens irradiance that was made for `camera`, and prints its notes.
 pub fn open(path: &Path, camera: &Camera, notes: &mut Notes) -> Result<IrradianceCube> {
     checked(IrradianceCube::open(path)?, path, camera, notes)
 }
 
-/// A cube from `path` that was made for `camera`; tells what there is to know of it.
+/// Checks that a cube from `path` was made for `camera`, and prints its notes.
 pub fn checked(
     cube: IrradianceCube,
     path: &Path,
@@ -62,9 +62,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         (None, _) => 1.0,
         (Some(wanted), Some(made_for)) => wanted / made_for,
         (Some(_), None) => {
-            return Err(Error::input("--lux for irradiance whose illuminance is not known")
+            return Err(Error::input("--lux for irradiance of unknown illuminance")
                 .at(args.irradiance.display())
-                .help("leave --lux out, or change the exposure"));
+                .help("omit --lux, or change the exposure"));
         }
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;

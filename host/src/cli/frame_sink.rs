@@ -1,4 +1,4 @@
-//! Where the frames of `simulate` and `expose` go: a file, a directory, a stream.
+//! Outputs of `simulate` and `expose`: a file, a directory, a stream.
 
 use super::arguments::{FrameArgs, open_report, write_report};
 use super::live::{self, LiveFrames};
@@ -14,31 +14,31 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Frames of a live stream whose figures are kept: a stream may go on for days.
+/// Frames of a live stream whose figures are kept: a stream may run for days.
 const FIGURES: usize = 1000;
 
-/// What a frame's file is to be.
+/// What is written of a frame.
 #[derive(Clone, Debug, PartialEq)]
 enum Kind {
     Raw(Format),
     Picture,
 }
 
-/// Where the files are.
+/// Where it is written.
 enum Place {
     /// One file.
     File,
     /// A file for each frame.
     Directory(OutputDir),
-    /// One file into which frame after frame goes; it has its name when all are there.
+    /// One file, frame after frame; it gets its name when it is complete.
     Stream(OutputFile, Box<LiveEncoder>),
-    /// Standard output, a named pipe or a device, into which frames go as they come.
+    /// Standard output, a named pipe or a device, to which frames are written as they are taken.
     Live(Box<LiveFrames>, Stoppable),
-    /// One file with all frames, written when they are there.
+    /// One file with all frames, written at the end.
     Stack(Option<Box<Frames>>),
 }
 
-/// Where frames go; made before any work, so that a bad output fails at once.
+/// The output of frames; opened before any work, so that a bad one fails at once.
 pub struct FrameSink {
     kind: Kind,
     place: Place,
@@ -50,7 +50,7 @@ pub struct FrameSink {
 }
 
 impl FrameArgs {
-    /// The kind of file asked for; `None` for a directory.
+    /// The kind of file; `None` for a directory.
     fn kind(&self) -> Result<Option<Kind>> {
         let path = &self.output;
         live::check_figures(path, self.json)?;
@@ -58,7 +58,7 @@ impl FrameArgs {
             return Ok(live::format(path, self.to.as_deref())?.map(Kind::Raw));
         }
         if LiveOutput::is_stdout(path) {
-            return Err(Error::input("standard output does not say its format")
+            return Err(Error::input("standard output has no name that determines the format")
                 .help("give --to, for instance --to SGRBG10 or --to npy"));
         }
         match path.extension() {
@@ -100,15 +100,15 @@ impl FrameArgs {
                 };
                 let what = format!("{frames} into {}", self.output.display());
                 return Err(Error::unsupported(what).help(
-                    "several frames go into a directory (a name without extension), into one file \
-                     (.npy .tiff .fits), or one after the other as .csi2, .mcap, .pgm, .y4m \
-                     or headerless pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
+                    "write several frames to a directory (a name without extension), to one file \
+                     (.npy .tiff .fits), or to a stream: .csi2, .mcap, .pgm, .y4m or headerless \
+                     pixels (NAME_640x480_SGRBG10.raw, or - with --to SGRBG10)",
                 ));
             }
             Some(kind) => {
                 if self.output.exists() && !self.force {
                     return Err(Error::input(format!("{} exists", self.output.display()))
-                        .help("give another name, or --force to replace it"));
+                        .help("choose another name, or replace it with --force"));
                 }
                 (kind, if several { Place::Stack(None) } else { Place::File })
             }
@@ -127,12 +127,12 @@ impl FrameArgs {
 }
 
 impl FrameSink {
-    /// Whether a signal has asked a stream that goes out live to end.
+    /// Whether a signal has asked a live stream to end.
     pub fn is_asked_to_stop(&self) -> bool {
         matches!(&self.place, Place::Live(_, stop) if stop.is_asked())
     }
 
-    /// Says the camera's figures before the first frame, where the output holds them.
+    /// Sets the camera's intrinsics before the first frame, if the output stores them.
     pub fn set_camera(&mut self, figures: impl FnOnce() -> Result<CameraInfo>) -> Result<()> {
         match &mut self.place {
             Place::Stream(_, encoder) if encoder.has_camera() => encoder.set_camera(figures()?),
@@ -180,7 +180,7 @@ impl FrameSink {
                 match stack {
                     Some(stack) => {
                         stack.planes.append(&mut one.planes);
-                        // Of a bracket, the file cannot say one exposure.
+                        // A bracket has no single exposure to store.
                         let of_all = |first: &DngInfo| first.exposure_s == info.exposure_s;
                         stack.facts.dng = stack.facts.dng.take().filter(of_all);
                     }
@@ -202,8 +202,7 @@ impl FrameSink {
         Ok(())
     }
 
-    /// Completes the output; what was written, for `--json`. `page` is asked for the page about
-    /// the frames.
+    /// Completes the output and returns what was written, for `--json`; `page` makes the report.
     pub fn finish(self, page: impl FnOnce(&simulation::Frames) -> Page) -> Result<Vec<Value>> {
         let place = live::named(&self.path);
         match self.place {
@@ -216,13 +215,13 @@ impl FrameSink {
             }
             Place::Live(mut frames, stop) if stop.is_asked() => {
                 frames.finish()?;
-                eprintln!("interrupted: {} whole frames went to {place}", frames.count());
+                eprintln!("interrupted: {} complete frames written to {place}", frames.count());
             }
             Place::Live(mut frames, _) => {
                 frames.finish()?;
                 if self.count > FIGURES {
                     let count = self.count;
-                    eprintln!("{count} frames went to {place}; the first {FIGURES} of them:");
+                    eprintln!("{count} frames written to {place}; the first {FIGURES} of them:");
                 }
             }
             Place::Stack(stack) => {

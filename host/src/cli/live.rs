@@ -1,4 +1,4 @@
-//! Frames that go out as they come: into a file that grows, a named pipe or standard output.
+//! Frames that are written as they arrive: to a growing file, a named pipe or standard output.
 
 use camrig_base::output::LiveOutput;
 use camrig_base::{Error, RawFrame, Result};
@@ -8,8 +8,8 @@ use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_formats::mcap::CameraInfo;
 use std::path::Path;
 
-/// The format of an output: what was asked for, which its name must not contradict, or that of its
-/// name. `None` where neither says one.
+/// The format of an output: the one asked for, which its name must not contradict, or that of its
+/// name. `None` if neither determines one.
 pub fn format(path: &Path, to: Option<&str>) -> Result<Option<Format>> {
     let named = Format::from_path(path).ok();
     let Some(to) = to else { return Ok(named) };
@@ -18,17 +18,17 @@ pub fn format(path: &Path, to: Option<&str>) -> Result<Option<Format>> {
         Some(named) if named != asked => {
             Err(Error::disagreement(format!("{asked} under a name of {named}"))
                 .at(path.display())
-                .help("change the name, or leave --to out"))
+                .help("change the name, or omit --to"))
         }
         _ => Ok(Some(asked)),
     }
 }
 
-/// Refuses figures on standard output, where the frames are.
+/// Refuses figures on a standard output that carries frames.
 pub fn check_figures(path: &Path, json: bool) -> Result<()> {
     if json && LiveOutput::is_stdout(path) {
-        return Err(Error::input("frames and figures on one standard output")
-            .help("write the frames into a file or a named pipe, or leave --json out"));
+        return Err(Error::input("frames and figures both on standard output")
+            .help("write the frames to a file or a named pipe, or omit --json"));
     }
     Ok(())
 }
@@ -46,12 +46,12 @@ impl LiveFrames {
         Ok(Self { output: LiveOutput::create(path, force)?, encoder, frames: 0 })
     }
 
-    /// Whether the format holds the figures of a camera.
+    /// Whether the format stores a camera's intrinsics.
     pub fn has_camera(&self) -> bool {
         self.encoder.has_camera()
     }
 
-    /// Says the camera's figures.
+    /// Sets the camera's intrinsics.
     pub fn set_camera(&mut self, figures: CameraInfo) {
         self.encoder.set_camera(figures);
     }
@@ -85,28 +85,27 @@ impl LiveFrames {
     }
 }
 
-/// The figures of a camera for formats that hold them, and a word where they describe its lens
-/// badly.
+/// The intrinsics of a camera; prints a note if they describe its lens badly.
 pub fn figures(camera: &Camera) -> Result<CameraInfo> {
     /// Errors below this are beyond what calibration of a real camera reaches, pixels.
     const TOLD_PX: f64 = 0.1;
     let found = camrig_render::intrinsics(camera)?;
     if found.largest_error_px > TOLD_PX {
         eprintln!(
-            "note: CameraInfo has the lens's distortion to within {:.2} pixels: plumb_bob has no \
-             more terms",
+            "note: CameraInfo describes the lens's distortion to within {:.2} pixels: plumb_bob \
+             has no more terms",
             found.largest_error_px
         );
     }
     Ok(found.info)
 }
 
-/// Says what the format of a stream does not.
+/// Prints what the format of a stream cannot store.
 pub fn tell(encoder: &LiveEncoder, frame: &RawFrame) {
     encoder.notes(frame).iter().for_each(|note| eprintln!("note: {note}"));
 }
 
-/// An output as words name it.
+/// An output's name in a message.
 pub fn named(path: &Path) -> String {
     if LiveOutput::is_stdout(path) {
         return "standard output".into();

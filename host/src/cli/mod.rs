@@ -1,8 +1,9 @@
-//! The command line: one file per command, each with `Args` (what a person types) and
+//! The command line: one file per command, each with `Args` (what is typed) and
 //! `run(args) -> Result<ExitCode>` (parse, call the library, print). Data go to standard output,
-//! talk to standard error. Exit status: 0 success, 1 a comparison says no, 2 bad input.
+//! notes and errors to standard error. Exit status: 0 success, 1 a comparison found a difference,
+//! 2 bad input.
 
-/// `println!` of this program: a reader that has gone is an error with words, not a panic.
+/// `println!` of this program: a closed standard output is an error with a message, not a panic.
 macro_rules! println {
     () => { $crate::cli::stdout::print(format_args!("\n")) };
     ($($what:tt)*) => {
@@ -79,7 +80,7 @@ enum Command {
     Lens(lens::Args),
     Camera(camera::Args),
     Crosstalk(crosstalk::Args),
-    /// Figures from captures or frames
+    /// Measure captures or frames
     Measure(measure::Args),
     Compare(compare::Args),
     Diagnose(diagnose::Args),
@@ -100,7 +101,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let command = Cli::parse().command;
     let stopping =
-        || eprintln!("ending after the frame in progress; a second signal ends at once");
+        || eprintln!("stopping after the current frame; a second signal stops at once");
     platform::before_signals_end(stopping, output::remove_unfinished);
     let status = stdout::guard(|| run(command)).unwrap_or_else(|error| {
         eprintln!("error: {}", advice::advised(error));

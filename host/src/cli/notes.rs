@@ -1,46 +1,45 @@
-//! Notes: what a user should know of a result. Each is told once on standard error, and kept for
-//! `--json`. Where a page is open beside the terminal, it hears of each as often as there is cause
-//! for it, and counts.
+//! Notes: what a user should know about a result. Each is printed once on standard error, and kept
+//! for `--json`. A console page gets every occurrence, and counts them.
 
 use camrig_base::{Bands, Result};
 use camrig_camera::Camera;
 use camrig_exposure::CubeHeader;
 use camrig_render as render;
 
-/// Notes that were told.
+/// Notes printed so far.
 #[derive(Default)]
 pub struct Notes {
     all: Vec<String>,
-    /// Notes of single frames that were told, and that were not.
+    /// Number of notes about single frames that were printed, and that were suppressed.
     of_frames: usize,
     left: usize,
     page: Option<Box<dyn Page>>,
 }
 
-/// A page that shows what the terminal is told.
+/// A page that shows the notes printed on the terminal.
 pub trait Page: Send {
     /// A note, or a warning.
     fn note(&self, text: &str);
 
-    /// What is waited for, until the next call of it.
+    /// What the program is waiting for, until the next call.
     fn waits_for(&self, what: String);
 }
 
-/// Most notes of single frames that are told: those of a long sequence could fill the screen.
+/// Maximum number of notes about single frames: those of a long sequence could fill the screen.
 const TOLD_OF_FRAMES: usize = 3;
 
 impl Notes {
-    /// Notes that `page` hears, too.
+    /// Notes that also appear on `page`.
     pub fn on_page(page: impl Page + 'static) -> Self {
         Self { page: Some(Box::new(page)), ..Self::default() }
     }
 
-    /// After these were told.
+    /// Notes after these have been printed.
     pub fn after(self, told: Vec<String>) -> Self {
         Self { all: told, ..self }
     }
 
-    /// Says on the page what is waited for.
+    /// Shows on the page what the program is waiting for.
     pub fn wait_for(&self, what: impl FnOnce() -> String) {
         if let Some(page) = &self.page {
             page.waits_for(what());
@@ -51,13 +50,13 @@ impl Notes {
         self.page.iter().for_each(|page| page.note(text));
     }
 
-    /// Tells a warning, which is no note of the result.
+    /// Prints a warning, which is not a note about the result.
     pub fn warn(&self, warning: &str) {
         eprintln!("warning: {warning}");
         self.show(warning);
     }
 
-    /// Tells what has not been told yet.
+    /// Prints the notes that have not been printed yet.
     pub fn tell(&mut self, notes: impl IntoIterator<Item = String>) {
         for note in notes {
             self.show(&note);
@@ -68,13 +67,13 @@ impl Notes {
         }
     }
 
-    /// Tells what was assumed of a camera's tables in some light.
+    /// Prints what was assumed about a camera's tables in this light.
     pub fn tell_tables(&mut self, camera: &Camera, light: impl IntoIterator<Item = Bands>) {
         self.tell(light.into_iter().flat_map(|bands| camera.notes(&bands)));
     }
 
-    /// Tells what there is to know of irradiance that was made for `camera`: what could not be
-    /// checked, and what was assumed of the camera's tables and of its lens.
+    /// Prints the notes about irradiance made for `camera`: what could not be checked, and what was
+    /// assumed about the camera's tables and lens.
     ///
     /// # Errors
     /// A lens that cannot be read.
@@ -88,14 +87,14 @@ impl Notes {
         Ok(())
     }
 
-    /// Tells a note of a frame after the first, the first few of them.
+    /// Prints a note about a later frame, up to a maximum number.
     pub fn tell_of(&mut self, frame: &str, note: String) {
         if self.all.contains(&note) {
             return self.show(&note);
         }
         if self.of_frames == TOLD_OF_FRAMES {
             self.left += 1;
-            return self.show("notes of single frames beyond these are not told");
+            return self.show("further notes about single frames are not shown");
         }
         self.of_frames += 1;
         eprintln!("note: {frame}: {note}");
@@ -103,14 +102,14 @@ impl Notes {
         self.all.push(note);
     }
 
-    /// Says how many notes of single frames were not told.
+    /// Prints how many notes about single frames were suppressed.
     pub fn tell_left(&self) {
         if self.left > 0 {
-            eprintln!("note: {} more notes of single frames were not told", self.left);
+            eprintln!("note: {} more notes about single frames were not shown", self.left);
         }
     }
 
-    /// What was told, in its order.
+    /// The notes printed, in order.
     pub fn all(&self) -> &[String] {
         &self.all
     }

@@ -1,4 +1,4 @@
-//! What of a sensor is read: region of interest and binning, as several commands take them.
+//! Region of interest and binning, arguments of several commands.
 
 use super::live;
 use camrig_base::{Error, Result};
@@ -6,12 +6,12 @@ use camrig_camera::Camera;
 use camrig_formats::mcap::CameraInfo;
 use camrig_render::readout::{self, Readout, Region};
 
-/// How pixels are put together.
+/// How pixels are combined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Binning {
     /// Pixels in a row and in a column.
     pub n: u32,
-    /// Charges are added before they are read, instead of samples averaged.
+    /// Charges are summed before readout, instead of averaging samples.
     pub charge: bool,
 }
 
@@ -39,59 +39,58 @@ fn region(text: &str) -> Result<Region, String> {
 /// Region and binning.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct ReadoutArgs {
-    /// Only this region of the frame, in pixels
+    /// Read only this region of the frame, in pixels
     #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
     roi: Option<Region>,
-    /// Put N x N pixels of a colour together, after the region is taken: 2x2 or 2x2:digital (mean
-    /// of samples), 2x2:charge (charges added before they are read; monochrome, of scenes and
-    /// plans)
+    /// Combine N x N pixels of a colour, after cropping: 2x2 or 2x2:digital (mean of samples),
+    /// 2x2:charge (charges summed before readout; monochrome sensors, scenes and plans only)
     #[arg(long, value_name = "NxN[:KIND]", value_parser = binning)]
     binning: Option<Binning>,
 }
 
 impl ReadoutArgs {
-    /// What is read of each frame.
+    /// The digital readout of each frame.
     pub fn readout(&self) -> Readout {
         let digital = self.binning.filter(|binning| !binning.charge);
         Readout { region: self.roi, binning: digital.map(|binning| binning.n) }
     }
 
-    /// Whether charges are to be added.
+    /// Whether charges are summed.
     pub fn adds_charge(&self) -> bool {
         self.binning.is_some_and(|binning| binning.charge)
     }
 
-    /// The camera whose charges are added, where they are to be.
+    /// The camera with summed charges, if charge binning is asked for.
     ///
     /// # Errors
-    /// A region as well, and those of [`readout::charge_binned`].
+    /// A region together with charge binning, and those of [`readout::charge_binned`].
     pub fn camera(&self, camera: Camera) -> Result<Camera> {
         match self.binning {
             Some(Binning { charge: true, .. }) if self.roi.is_some() => {
                 Err(Error::unsupported("charge binning of a region")
-                    .help("bin digitally, or leave the region out: it counts single pixels"))
+                    .help("bin digitally, or omit the region: its pixels are single ones"))
             }
             Some(Binning { n, charge: true }) => readout::charge_binned(&camera, n),
             _ => Ok(camera),
         }
     }
 
-    /// Refuses charges to be added where the irradiance is that of single pixels.
+    /// Refuses charge binning of stored irradiance, which is of single pixels.
     pub fn refuse_charge(&self) -> Result<()> {
         match self.adds_charge() {
             true => Err(Error::unsupported("charge binning of stored irradiance")
-                .help("camrig simulate --binning 2x2:charge makes it; or bin digitally")),
+                .help("use camrig simulate --binning 2x2:charge, or bin digitally")),
             false => Ok(()),
         }
     }
 
-    /// The figures of a camera of which this is read.
+    /// `CameraInfo` of the camera with this readout.
     pub fn figures(&self, camera: &Camera) -> Result<CameraInfo> {
         let readout = self.readout();
         Ok(live::figures(camera)?.of_part(readout.begin(), readout.side()))
     }
 
-    /// What a page says about region and binning.
+    /// Region and binning, for a report.
     pub fn rows(&self) -> Vec<(&'static str, String)> {
         let mut rows = Vec::new();
         if let Some(r) = self.roi {
@@ -99,7 +98,7 @@ impl ReadoutArgs {
             rows.push(("region of interest", place));
         }
         if let Some(Binning { n, charge }) = self.binning {
-            let kind = if charge { "charges added" } else { "mean of samples" };
+            let kind = if charge { "charges summed" } else { "mean of samples" };
             rows.push(("binning", format!("{n} x {n} pixels, {kind}")));
         }
         rows

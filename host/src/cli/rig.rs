@@ -1,4 +1,4 @@
-//! `camrig rig`: talk to rigs, or be one.
+//! `camrig rig`: use rigs, or emulate one.
 
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
@@ -15,11 +15,11 @@ use std::io::{Read, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Talk to sensor rigs, or be one
+/// Use sensor rigs, or emulate one
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Addresses of rigs:\n  \
     emulator:                          an emulator in this process\n  \
-    tcp://HOST:PORT                    an emulator elsewhere (camrig rig serve)\n  \
+    tcp://HOST:PORT                    an emulator on the network (camrig rig serve)\n  \
     serial:///dev/ttyACM0?baud=3000000 a serial port or a USB CDC-ACM device\n  \
     hid://VID:PID[/SERIAL]             a USB HID device\n\nExamples:\n  \
     camrig rig stream emulator: --camera mt9v024 --scene colorchecker --exposure 20ms \
@@ -40,7 +40,7 @@ enum Command {
     View(Box<super::rig_view::Args>),
 }
 
-/// Show serial ports and HID devices that may be rigs
+/// List serial ports and HID devices that may be rigs
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig rig list --json")]
 struct ListArgs {
@@ -49,7 +49,7 @@ struct ListArgs {
     json: bool,
 }
 
-/// Ask a rig what it can do
+/// Show a rig's capabilities and statistics
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig rig info tcp://127.0.0.1:7420 --json")]
 struct InfoArgs {
@@ -60,7 +60,7 @@ struct InfoArgs {
     json: bool,
 }
 
-/// Be a rig: the emulator, on TCP, a pseudo-terminal or a device file
+/// Run the emulator as a server, on TCP, a pseudo-terminal or a device file
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig serve --tcp 127.0.0.1:7420\n  \
@@ -69,16 +69,16 @@ struct InfoArgs {
     camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
 #[command(group(clap::ArgGroup::new("link").required(true).args(["tcp", "pty", "device"])))]
 struct ServeArgs {
-    /// Listen on HOST:PORT. One host is served at a time, and given up when another one comes and
-    /// it has been silent for 10 s
+    /// Listen on HOST:PORT. Serves one host at a time; a host that has been silent for 10 s is
+    /// dropped when another one connects
     #[arg(long, value_name = "HOST:PORT")]
     tcp: Option<String>,
-    /// Listen on an address that other machines reach: whoever connects, and knows the token if
-    /// there is one, reads and writes the rig's registers and takes its frames
+    /// Allow an address that other machines can reach: anyone who connects, with the token if there
+    /// is one, can read and write the rig's registers and take its frames
     #[arg(long, requires = "tcp")]
     allow_remote: bool,
-    /// Serve only hosts that know a token: this one, or one that is made up and printed with the
-    /// address. The network carries it in clear
+    /// Accept only hosts that know a token: this one, or without TEXT a random one, printed with the
+    /// address. It crosses the network unencrypted
     #[arg(
         long,
         value_name = "TEXT",
@@ -88,13 +88,13 @@ struct ServeArgs {
         require_equals = true
     )]
     token: Option<String>,
-    /// Make a pseudo-terminal and print its name
+    /// Create a pseudo-terminal and print its name
     #[arg(long)]
     pty: bool,
     /// Serve a device file
     #[arg(long, value_name = "FILE")]
     device: Option<PathBuf>,
-    /// Bytes of a HID report; without it the device file is a serial line
+    /// Size of a HID report; without it the device file is a serial line
     #[arg(
         long,
         value_name = "BYTES",
@@ -102,7 +102,7 @@ struct ServeArgs {
         value_parser = clap::value_parser!(u16).range(8..=4096)
     )]
     report: Option<u16>,
-    /// Pretend to speak only these versions of the protocol, to test a host's messages
+    /// Pretend to support only these protocol versions, to test a host's messages
     #[arg(long, value_name = "OLDEST,NEWEST", value_parser = versions, hide = true)]
     versions: Option<(u8, u8)>,
 }
@@ -111,10 +111,10 @@ struct ServeArgs {
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig rig log --elf rig-m4.elf uart1.bin")]
 struct LogArgs {
-    /// The firmware's ELF file, which holds the text of the messages
+    /// The firmware's ELF file, which contains the text of the messages
     #[arg(long, value_name = "FILE")]
     elf: PathBuf,
-    /// What the firmware sent; `-` is standard input
+    /// Output of the firmware; `-` is standard input
     input: PathBuf,
 }
 
@@ -125,26 +125,26 @@ struct LogArgs {
     camrig rig register tcp://127.0.0.1:7420 0x0204 512       (gain 2.0)\n\n\
     Registers (addresses of MIPI CCS):\n  \
     0x0000 model id, read only          0x0005 frame counter, read only\n  \
-    0x0100 1 streams, 0 stands by       0x0104 1 holds writes back, 0 lets them go\n  \
+    0x0100 1 streaming, 0 standby       0x0104 group hold: 1 hold, 0 release\n  \
     0x0202 exposure, lines              0x0204 gain code, gain x 256\n  \
     0x0340 frame length, lines          0x3000 line time, ns\n  \
-    0x3004 frames until an exposure     0x3006 frames until a gain shows, 1 to 4\n  \
+    0x3004 exposure delay, frames       0x3006 gain delay, frames, 1 to 4\n  \
     0x0600 test pattern: 0 none, 1 solid, 2 bars, 4 PN9\n  \
     0x0602 DN of the solid pattern\n  \
     0x3100 fault: 0 none, 1 drop a frame, 2 corrupt a row, 3 stuck counter, 4 late frame\n  \
-    0x3102 the corrupt row, or the lateness in ms\n\n\
+    0x3102 the corrupt row, or the delay in ms\n\n\
     An address in the table is the whole register; the addresses after it are its further bytes, \
     high byte first. With --byte the address in the table is the high byte.")]
 struct RegisterArgs {
     /// Address of the rig
     url: String,
-    /// Register, for instance 0x0202
+    /// Register address, for instance 0x0202
     #[arg(value_parser = number)]
     address: u32,
     /// Value to write
     #[arg(value_parser = number)]
     value: Option<u32>,
-    /// Read or write the one byte at the address, as a driver does that writes byte by byte
+    /// Read or write a single byte at the address, like a driver that writes byte by byte
     #[arg(long)]
     byte: bool,
     /// Print one JSON object on standard output
@@ -189,7 +189,7 @@ fn list(args: &ListArgs) -> Result<()> {
         return Ok(());
     }
     if found.is_empty() {
-        eprintln!("no serial port or HID device; `emulator:` is always there");
+        eprintln!("no serial port or HID device found; `emulator:` is always available");
     }
     for rig in found {
         println!("{:32} {}", rig.url, rig.description);
@@ -266,7 +266,7 @@ fn info(args: &InfoArgs) -> Result<()> {
 
 fn serve(args: &ServeArgs) -> Result<()> {
     let emulator = Emulator::new(args.versions);
-    // The address is data: scripts wait for it.
+    // The address goes to standard output: scripts wait for it.
     let ready = |url: String| {
         println!("{url}");
         let _ = std::io::stdout().flush();
@@ -281,7 +281,7 @@ fn serve(args: &ServeArgs) -> Result<()> {
     rig::serve::pty(emulator, |path| ready(format!("serial://{path}")), link_failed)
 }
 
-/// Serves an address, behind a token where the arguments ask for one.
+/// Serves an address, with a token if the arguments ask for one.
 fn serve_tcp(
     address: &str,
     args: &ServeArgs,
@@ -295,12 +295,12 @@ fn serve_tcp(
     };
     let opens = match token {
         None => {
-            "connect to this rig, which asks no password (--token makes it ask): they read \
-             and write its registers and take its frames"
+            "connect to this rig without a password (--token requires one), read and write its \
+             registers and take its frames"
         }
         Some(_) => {
-            "connect to this rig if they know the token, which the network carries in clear: \
-             they read and write its registers and take its frames"
+            "connect to this rig with the token, which crosses the network unencrypted, read and \
+             write its registers and take its frames"
         }
     };
     remote(address, args.allow_remote, opens)?;
@@ -309,7 +309,7 @@ fn serve_tcp(
     rig::serve::tcp(address, token, emulator, listening, link_failed)
 }
 
-/// Refuses to listen where other machines connect, unless that is allowed; then says what they
+/// Refuses an address that other machines can reach, unless that is allowed; then prints what they
 /// can do.
 pub(super) fn remote(address: &str, allowed: bool, opens: &str) -> Result<()> {
     if !rig::serve::is_open_to_others(address) {
@@ -317,7 +317,7 @@ pub(super) fn remote(address: &str, allowed: bool, opens: &str) -> Result<()> {
     }
     let what = format!("other machines on the network can {opens}");
     if !allowed {
-        return Err(Error::input(format!("{address} is not of the loopback interface: {what}"))
+        return Err(Error::input(format!("{address} is not on the loopback interface: {what}"))
             .help("listen on 127.0.0.1:PORT, or allow it with --allow-remote"));
     }
     eprintln!("note: {address}: {what}");
@@ -328,7 +328,7 @@ fn link_failed(why: ServeError<std::io::Error>) {
     match why {
         ServeError::Link(e) => eprintln!("the link ended: {e}"),
         ServeError::OutOfStep => {
-            eprintln!("the link ended: the bytes that arrived are not the protocol")
+            eprintln!("the link ended: the bytes received do not follow the protocol")
         }
     }
 }
@@ -348,14 +348,14 @@ fn log(args: &LogArgs) -> Result<()> {
 
 fn register(args: &RegisterArgs) -> Result<()> {
     let address = u16::try_from(args.address)
-        .map_err(|_| Error::input("registers have addresses of 16 bits").at(args.address))?;
+        .map_err(|_| Error::input("register addresses have 16 bits").at(args.address))?;
     let mut rig = Rig::open(&args.url)?;
     match (args.value, args.byte) {
         (None, _) => {}
         (Some(value), false) => rig.write_register(address, value)?,
         (Some(value), true) => {
             let byte = u8::try_from(value)
-                .map_err(|_| Error::input(format!("{value} is no byte")).help("0 to 255"))?;
+                .map_err(|_| Error::input(format!("{value} is not a byte")).help("0 to 255"))?;
             rig.write_byte(address, byte)?;
         }
     }

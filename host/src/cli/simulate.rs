@@ -19,7 +19,7 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Scene to raw: spectral scene, lens, sensor
+/// Simulate raw frames of a scene: spectral scene, lens, sensor
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig simulate --camera mt9t012 --scene colorchecker --lux 300 --exposure 20ms \
@@ -47,10 +47,11 @@ pub struct Args {
     frames: FrameArgs,
     #[command(flatten)]
     time: TimeArgs,
-    /// Frames of the sensor per second (30, 30000/1001): which frame of a sequence each shows
+    /// Frame rate of the sensor, frames/s (30, 30000/1001); decides which frame of a sequence is
+    /// shown when
     #[arg(long, value_name = "F", value_parser = frames_per_s)]
     fps: Option<f64>,
-    /// Also keep the irradiance on the sensor, for `camrig expose`
+    /// Also save the irradiance on the sensor, for `camrig expose`
     #[arg(long, value_name = "FILE")]
     save_irradiance: Option<PathBuf>,
 }
@@ -63,37 +64,37 @@ pub struct ViewArgs {
     /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...), a scene file, a
     /// picture or render (photo.png:as=reflectance, render.exr:primaries=acescg), or a sequence: a
     /// folder of these, video (clip.y4m), or a stream of video or camrig-frames/1 from standard
-    /// input (-) or a socket (tcp://127.0.0.1:PORT, unix:PATH) at which camrig listens
+    /// input (-) or from a socket on which camrig listens (tcp://127.0.0.1:PORT, unix:PATH)
     #[arg(long, value_name = "S", allow_hyphen_values = true)]
     pub scene: String,
-    /// Light on a reflectance scene: D65 (unless given), A, F11, D5000K, blackbody:3200, or a CSV
+    /// Light on a reflectance scene: D65, A, F11, D5000K, blackbody:3200, or a CSV [default: D65]
     #[arg(long, value_name = "I")]
     pub illuminant: Option<String>,
-    /// Scene illuminance, lx (300 unless given for a reflectance scene). A picture of radiance is
-    /// scaled so that its white (1, or its brightest percentile) is one in it, another scene of
-    /// radiance so that its mean is that of 18 % grey
+    /// Scene illuminance, lx [default: 300 for a reflectance scene]. A radiance picture is scaled
+    /// so that its white (1, or its brightest percentile) is a perfect white in this light; other
+    /// radiance scenes so that their mean is 18 % grey
     #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
     #[arg(conflicts_with = "luminance")]
     pub lux: Option<f64>,
     /// Luminance of a perfect white, cd/m²
     #[arg(long, value_parser = positive, value_name = "L", allow_negative_numbers = true)]
     pub luminance: Option<f64>,
-    /// Cells per pixel and direction in the optics stage; chosen by error otherwise
+    /// Cells per pixel and direction in the optics stage [default: chosen by error]
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
-    /// Part of the light that interpolating PSFs over the field may misplace, in the mean (0.01
-    /// unless given)
+    /// Mean fraction of the light that interpolating PSFs over the field may misplace [default:
+    /// 0.01]
     #[arg(long, value_name = "PART", value_parser = positive)]
     pub psf_tolerance: Option<f64>,
-    /// How light comes from the scene to the sensor: bands (each by itself), or in few components
-    /// at once: components (12, edges to some 1e-3 of white), or live (one per channel, fastest).
-    /// The note and --json say how far they are from bands
+    /// How light gets from scene to sensor: bands (one by one), components (12 at once; edges
+    /// within some 1e-3 of white), or live (one component per channel, fastest). A note and --json
+    /// give their difference from bands
     #[arg(long, value_name = "PATH", default_value = "bands")]
     pub path: OpticsPath,
-    /// Let the scene move: pixels per frame to the right and down
+    /// Move the scene: pixels per frame, to the right and down
     #[arg(long, value_name = "DX,DY", value_parser = pair, allow_hyphen_values = true)]
     pub motion: Option<[f64; 2]>,
-    /// Rolling shutter: part of the frame period in which the rows are read, 0 to 1
+    /// Rolling shutter: fraction of the frame period in which the rows are read, 0 to 1
     #[arg(
         long,
         value_name = "PART",
@@ -106,7 +107,7 @@ pub struct ViewArgs {
     pub sequence: SequenceArgs,
     #[command(flatten)]
     pub device: DeviceArgs,
-    /// Run the optics stage even where its result is in the cache (~/.cache/camrig/optics)
+    /// Run the optics stage even if its result is cached (~/.cache/camrig/optics)
     #[arg(long)]
     pub no_cache: bool,
 }
@@ -127,7 +128,7 @@ pub fn part(text: &str) -> Result<f64, String> {
 }
 
 impl ViewArgs {
-    /// A scene at rest, seen by a camera as its file has it; the rest as the options' defaults.
+    /// A still scene seen by an unchanged camera, with the default options.
     pub fn still(
         camera: CameraArgs,
         scene: String,
@@ -152,7 +153,7 @@ impl ViewArgs {
         }
     }
 
-    /// What is looked at.
+    /// The optics stage for these options.
     pub fn optics_stage(&self) -> Result<OpticsStage> {
         let level = match (self.lux, self.luminance) {
             (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
@@ -204,7 +205,7 @@ impl ViewArgs {
     }
 }
 
-/// Says how the optics were computed.
+/// Prints how the optics were computed.
 pub(super) fn tell_optics(view: &OpticsOutput, told: &Notes) {
     if let Some(warning) = view.optics.nodes.and_then(|nodes| nodes.warning()) {
         told.warn(&warning);
@@ -219,9 +220,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let until_over = args.view.sequence.is_sequence(&args.view.scene)?;
     if until_over && args.save_irradiance.is_some() {
         return Err(Error::unsupported("--save-irradiance of a sequence").help(
-            "it keeps the irradiance of one scene: give one file of the folder as --scene; \
-                 write the frames of video as pictures before (ffmpeg -i clip.y4m %04d.png). \
-                 rig stream --irradiance takes a folder of what is kept of each",
+            "irradiance is saved for one scene: give a single file of the folder as --scene; \
+             convert video to pictures first (ffmpeg -i clip.y4m %04d.png). rig stream \
+             --irradiance takes a folder of saved files",
         ));
     }
     let frames = FrameArgs { until_over, ..args.frames.clone() };
@@ -229,7 +230,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let readout = &frames.readout;
     if readout.adds_charge() && args.view.motion.is_some() {
         return Err(Error::unsupported("charge binning of a moving scene")
-            .help("bin digitally, or leave the motion out: it counts single pixels"));
+            .help("bin digitally, or omit --motion: its pixels are single ones"));
     }
     let mut camera = readout.camera(args.view.camera.load()?)?;
     camera.first_frame = frames.first_number();
@@ -240,13 +241,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Err(Error::unsupported(
             "two exposures in one frame of light that changes with time",
         )
-        .help("leave --hdr out, or let the light stand still"));
+        .help("omit --hdr, or use steady light"));
     }
     let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, .. } = first;
     if let Some(path) = &args.save_irradiance {
         if !lights.stand_still() {
             eprintln!(
-                "note: {} has the scene as it stands still in steady light; the frames have not",
+                "note: {} contains the still scene in steady light, unlike the frames",
                 path.display()
             );
         }
@@ -302,7 +303,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// How PSFs were interpolated, for a page.
+/// How PSFs were interpolated, for a report.
 fn psf_rows(nodes: &NodeReport) -> [(&'static str, String); 2] {
     let percent = |m: &Misplaced| {
         format!(
@@ -326,14 +327,14 @@ fn psf_rows(nodes: &NodeReport) -> [(&'static str, String); 2] {
     ]
 }
 
-/// The light that irradiance was made with, for a page.
+/// The light that irradiance was made with, for a report.
 pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
     let light = header.illuminant.clone().map(|name| ("illuminant", name));
     let lux = header.lux.map(|lux| ("scene illuminance", format!("{lux} lx")));
     light.into_iter().chain(lux).collect()
 }
 
-/// The noise that pictures have where it is not all, for a page.
+/// Which noise the frames have if not all of it, for a report.
 pub fn noise_row(camera: &Camera) -> Option<(&'static str, String)> {
     camera.sensor.kept_noise.note().map(|note| ("noise", note.to_string()))
 }
@@ -341,9 +342,9 @@ pub fn noise_row(camera: &Camera) -> Option<(&'static str, String)> {
 /// The light of frames 0, 1, ... at their exposures, s.
 pub type Lights<'a> = dyn FnMut(u32, f64) -> Result<NextLight> + 'a;
 
-/// Takes the frames of a camera and writes them; how many there were. `exposure_s` is theirs before
-/// bracketing; `first` and `next` are irradiance, and what gives that of frames where it is
-/// another.
+/// Takes and writes the frames of a camera; returns how many. `exposure_s` is the exposure before
+/// bracketing; `first` is the irradiance of the first frame, and `next` computes it for frames
+/// whose irradiance differs.
 pub fn expose_frames(
     args: &FrameArgs,
     (camera, sensor, exposure_s): (&Camera, &SimulatedSensor, f64),
@@ -354,13 +355,13 @@ pub fn expose_frames(
     let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
     stage.on_broken_link(arguments::broken_link);
     if let Some(held) = stage.cleared() {
-        eprintln!("note: cleared the rig's {held}, which an earlier host had left");
+        eprintln!("note: cleared the rig's {held}, left by an earlier host");
     }
     stage.set_camera(sensor)?;
     sink.set_camera(|| args.readout.figures(camera))?;
     let bar = arguments::frames_bar(args.count());
     let mut taken = 0;
-    // Irradiance of this frame and the one before, where they are not the first.
+    // Irradiance of this frame and of the previous one, unless it is that of the first.
     let (mut changed, mut before) = (None, None);
     for i in 0..args.count() {
         if sink.is_asked_to_stop() {

@@ -1,4 +1,4 @@
-//! The light of a stream: a scene at rest, irradiance files in turn, or a scene that changes.
+//! The light of a stream: a still scene, irradiance files in turn, or a changing scene.
 
 use super::Args;
 use crate::cli::expose;
@@ -15,13 +15,13 @@ use camrig_rig::stage::{changing_light, remembering};
 use camrig_scene::sequence::natural;
 use std::path::{Path, PathBuf};
 
-/// Where the frames' light comes from.
+/// The source of the frames' light.
 pub struct Light {
-    /// Irradiance of the frames in turn, over and over; of a scene that changes, of frame 0.
+    /// Irradiance of the frames, repeated in turn; that of frame 0 for a changing scene.
     pub cubes: Vec<IrradianceCube>,
     /// The frames of a scene after the first.
     pub scene: Option<SceneLights>,
-    /// What was told of irradiance files.
+    /// Notes about irradiance files.
     told: Notes,
 }
 
@@ -51,7 +51,7 @@ impl Light {
         }
         if args.time.is_given() {
             return Err(Error::unsupported("--lamp and --between of irradiance files")
-                .help("they are of a scene (--scene)"));
+                .help("they need a scene (--scene)"));
         }
         let path = args
             .irradiance
@@ -76,11 +76,10 @@ impl Light {
         Ok(Self { cubes, scene: None, told })
     }
 
-    /// The sensor in front of each of the cubes. Refuses light that changes under one that
-    /// remembers it.
+    /// A sensor for each of the cubes.
     ///
     /// # Errors
-    /// A cube of another size than the sensor's, an effect with a memory.
+    /// A cube of another size than the sensor's; changing light with an effect that has a memory.
     pub fn sensors(&self, camera: &Camera) -> Result<Vec<SimulatedSensor>> {
         let sensors = self.cubes.iter().map(|c| SimulatedSensor::new(camera, &c.header, 1.0));
         let sensors = sensors.collect::<Result<Vec<_>>>()?;
@@ -92,40 +91,40 @@ impl Light {
         Ok(sensors)
     }
 
-    /// Gives a rig whose registers decide the camera file's line time and frame length, where its
-    /// rows collect light in time.
+    /// Writes the camera file's line time and frame length to the registers of a rig whose rows
+    /// collect light in time.
     ///
     /// # Errors
-    /// A rig without these registers, values that they do not take.
+    /// A rig without these registers, values that do not fit into them.
     pub fn program(&mut self, rig: &mut Rig) -> Result<()> {
         let scene = self.scene.as_mut().filter(|scene| scene.change_within_frames());
         let Some(times) = scene.and_then(SceneLights::times) else { return Ok(()) };
         let (line_ns, lines) = times.registers();
         times::program(rig, (line_ns, lines))?;
         eprintln!(
-            "note: line time and frame length of the camera file are in the rig's registers: \
+            "note: wrote line time and frame length of the camera file to the rig's registers: \
              {line_ns} ns, {lines} lines"
         );
         Ok(())
     }
 
-    /// What was told of the light, the lens and the camera's tables.
+    /// Notes about the light, the lens and the camera's tables.
     pub fn notes(&self) -> &[String] {
         self.scene.as_ref().map_or(self.told.all(), SceneLights::notes)
     }
 
-    /// Whether it is a sequence, which ends.
+    /// Whether it is a sequence, which has an end.
     pub fn is_sequence(&self) -> bool {
         self.scene.as_ref().is_some_and(SceneLights::is_sequence)
     }
 
-    /// Whether each frame has the light of the one before.
+    /// Whether all frames have the same light.
     pub fn stands_still(&self) -> bool {
         self.cubes.len() == 1 && self.scene.as_ref().is_none_or(SceneLights::stand_still)
     }
 }
 
-/// The irradiance files of a folder in natural order. Other files are left out with a word.
+/// The irradiance files of a folder in natural order. Other files are skipped with a note.
 fn folder(path: &Path, camera: &Camera, told: &mut Notes) -> Result<Vec<IrradianceCube>> {
     let failed = |e| Error::io("read", path, e);
     let entries = std::fs::read_dir(path).map_err(failed)?;
@@ -148,7 +147,7 @@ fn folder(path: &Path, camera: &Camera, told: &mut Notes) -> Result<Vec<Irradian
         }
     }
     if !left_out.is_empty() {
-        eprintln!("note: left out, as they are not irradiance: {}", left_out.join(", "));
+        eprintln!("note: skipped, not irradiance: {}", left_out.join(", "));
     }
     Ok(cubes)
 }

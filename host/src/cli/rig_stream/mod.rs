@@ -27,7 +27,7 @@ use report::{Outcome, Record};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Send frames of irradiance, take raw frames back
+/// Send irradiance to a rig frame by frame, and receive raw frames
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig stream tcp://127.0.0.1:7420 --camera mt9v024 --irradiance a.irr \\\n    \
@@ -50,9 +50,9 @@ pub struct Args {
     url: String,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Scene to look at, or a sequence: a folder of pictures or cubes, video (clip.y4m), or a
-    /// stream of video or camrig-frames/1 from standard input (-) or a socket at which camrig
-    /// listens (tcp://127.0.0.1:PORT, unix:PATH)
+    /// Scene, or a sequence: a folder of pictures or cubes, video (clip.y4m), or a stream of video
+    /// or camrig-frames/1 from standard input (-) or from a socket on which camrig listens
+    /// (tcp://127.0.0.1:PORT, unix:PATH)
     #[arg(
         long,
         value_name = "S",
@@ -61,7 +61,7 @@ pub struct Args {
         conflicts_with = "irradiance"
     )]
     scene: Option<String>,
-    /// Light on a reflectance scene (D65 unless given)
+    /// Light on a reflectance scene [default: D65]
     #[arg(long, value_name = "I", conflicts_with = "irradiance")]
     illuminant: Option<String>,
     /// Scene illuminance, lx; a radiance scene is scaled to it
@@ -73,7 +73,7 @@ pub struct Args {
     time: TimeArgs,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Let the scene move: pixels per frame to the right and down
+    /// Move the scene: pixels per frame, to the right and down
     #[arg(
         long,
         value_name = "DX,DY",
@@ -82,7 +82,7 @@ pub struct Args {
         requires = "scene"
     )]
     motion: Option<[f64; 2]>,
-    /// Rolling shutter: part of the frame period in which the rows are read, 0 to 1
+    /// Rolling shutter: fraction of the frame period in which the rows are read, 0 to 1
     #[arg(
         long,
         value_name = "PART",
@@ -91,15 +91,15 @@ pub struct Args {
         requires = "motion"
     )]
     rolling: f64,
-    /// How light comes from the scene to the sensor: bands, or in few components, for pictures and
-    /// video: components, or live, see `camrig simulate --help`
+    /// How light gets from scene to sensor: bands, or, faster, components or live (see `camrig
+    /// simulate --help`)
     #[arg(long, value_name = "PATH", default_value = "bands", requires = "scene")]
     path: OpticsPath,
-    /// Irradiance kept by `camrig simulate --save-irradiance`, or a directory of them: one for
-    /// each frame, over and over, in the order of the numbers in their names
+    /// Irradiance saved by `camrig simulate --save-irradiance`, or a directory of such files: one
+    /// per frame, repeated in turn, in natural order of their names
     #[arg(long, value_name = "FILE|DIR")]
     irradiance: Option<PathBuf>,
-    /// Integration time; the rig's registers decide unless given
+    /// Exposure time; otherwise set by the rig's registers
     #[arg(
         long,
         value_parser = duration,
@@ -108,16 +108,16 @@ pub struct Args {
         required_unless_present_any = ["by_registers", "script"]
     )]
     exposure: Option<f64>,
-    /// Take exposure and gain from the rig's registers
+    /// Use exposure and gain from the rig's registers
     #[arg(long, conflicts_with_all = ["exposure", "gain"])]
     by_registers: bool,
-    /// Write registers as this script says, before the frames it names; implies --by-registers
+    /// Script of register writes, each before the frame it names; implies --by-registers
     #[arg(long, value_name = "FILE", conflicts_with_all = ["exposure", "gain"])]
     script: Option<PathBuf>,
-    /// Analog gain; the camera file's unless given
+    /// Analog gain [default: that of the camera file]
     #[arg(long, value_parser = positive, value_name = "G")]
     gain: Option<f64>,
-    /// Frames to send [default: 10, or as many as a sequence has]
+    /// Number of frames [default: 10, or those of a sequence]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
     /// Number of the first frame
@@ -128,51 +128,51 @@ pub struct Args {
     /// Arithmetic of the rig's sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
-    /// Send mean electrons instead of spectral bands: less to send, 2⁻¹⁷ more rounding
+    /// Send mean electrons instead of spectral bands: fewer bytes, 2⁻¹⁷ more rounding
     #[arg(long)]
     collapse: bool,
-    /// Pace to this frame rate, frames per second (30, 30000/1001). Ends with status 1 where less
-    /// than 97 % of it was reached; with --json, `pace_kept` says so instead
+    /// Frame rate, frames/s (30, 30000/1001). The exit status is 1 if less than 97 % of it was
+    /// reached; with --json, see `pace_kept` instead
     #[arg(long, value_parser = frames_per_s, value_name = "F")]
     fps: Option<f64>,
-    /// Write each frame as soon as it is there into a file, a named pipe or - (standard output,
-    /// whose figures then go to standard error). A file ends with a whole frame however the
-    /// stream ends
+    /// Write each frame as soon as it arrives to a file, a named pipe or - (standard output;
+    /// figures then go to standard error). A file ends with a complete frame however the stream
+    /// ends
     #[arg(short, long, value_name = "OUT", allow_hyphen_values = true)]
     output: Option<PathBuf>,
-    /// Format of the frames where the name does not say it: csi2 (for -, unless given), mcap
-    /// (recording of ROS 2 images and the camera's figures; the times are those of --fps, or
-    /// measured), pgm, y4m (of sensors without colour filters), or the V4L2 name of headerless
-    /// pixels. csi2 has an embedded data line for each frame and the numbers of the sensor's
-    /// counter, so that lost frames leave a gap. Headerless pixels are at full scale where their
-    /// bits are not the sensor's: of 10 bits, SRGGB16 is shifted left by 6 and SRGGB8 right by 2
+    /// Output format, if the name does not determine it: csi2 (default for -), mcap (recording of
+    /// ROS 2 images with CameraInfo; times from --fps, or measured), pgm, y4m (sensors without
+    /// colour filters), or the V4L2 name of headerless pixels. csi2 has an embedded data line in
+    /// each frame and numbers frames by the sensor's counter, so that lost frames leave a gap.
+    /// Headerless pixels are scaled if they have another bit depth than the sensor: from 10 bits,
+    /// SRGGB16 is shifted left by 6 and SRGGB8 right by 2
     #[arg(long, value_name = "FORMAT", requires = "output")]
     to: Option<String>,
-    /// Leave the raw rows with the rig, which has a way out of its own for them (DVP, CSI, FPGA);
-    /// the link brings a receipt of each
+    /// Do not return the raw rows: the rig sends them out through its own raw output (DVP, CSI,
+    /// FPGA), and the link carries a receipt for each
     #[arg(long, conflicts_with_all = ["output", "roi", "binning"])]
     rows_stay: bool,
     /// Replace existing output
     #[arg(long)]
     force: bool,
-    /// Print one JSON object at the end; it keeps some 80 bytes of each frame until then
+    /// Print one JSON object at the end; takes some 80 bytes of memory per frame until then
     #[arg(long)]
     json: bool,
 }
 
-/// Frames to send of a scene that goes on for ever, unless said otherwise.
+/// Default number of frames of a scene without an end.
 const FRAMES: u32 = 10;
 
-/// Memory for rows in their form on the link, bytes: where all cubes fit, their rows are made once
-/// for all frames. A trade: a gibibyte that any workstation has to spare.
+/// Memory for rows encoded for the link, bytes: if all cubes fit, their rows are encoded once for
+/// all frames. A trade-off: any workstation can spare a gibibyte.
 pub(super) const KEPT_BYTES: usize = 1 << 30;
 
 fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &Args) -> Feed<'a> {
     if args.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) }
 }
 
-/// Writes what a script has for a frame; says what the first frame is taken with, and where the
-/// frame length cuts the exposure.
+/// Performs a script's writes before a frame; prints the settings of the first frame, and where the
+/// frame length limits the exposure.
 fn write_registers(
     rig: &mut Rig,
     script: Option<&Script>,
@@ -189,7 +189,7 @@ fn write_registers(
         && frame == 0
         && let Some(held) = settings_held(rig)?
     {
-        eprintln!("note: the rig's registers decide, which hold {held}");
+        eprintln!("note: settings from the rig's registers: {held}");
     }
     if look && let Some(cut) = exposure_cut(rig)? {
         eprintln!("note: before frame {frame}: {cut}");
@@ -242,9 +242,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let whole = output.count();
         let place = live::named(output.path());
         if stop.is_asked() {
-            eprintln!("interrupted: {whole} whole frames are in {place}");
+            eprintln!("interrupted: {whole} complete frames in {place}");
         } else if ended.is_err() && whole > 0 {
-            eprintln!("the stream broke off: {whole} whole frames are in {place}");
+            eprintln!("the stream broke off: {whole} complete frames in {place}");
         } else if ended.is_ok() {
             output.check_any()?;
         }
@@ -258,15 +258,15 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(if failed { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }
 
-/// Says what registers from before this stream do to its frames. A rig need not have registers, and
-/// one that does not answer about them can still take frames.
+/// Reports registers of an earlier host that affect this stream's frames. A rig need not have
+/// registers, and one that does not answer about them can still take frames.
 fn tell_injected(rig: &mut Rig) -> Result<()> {
     match rig.injected() {
         Ok(None) => Ok(()),
         Ok(Some(held)) => {
             eprintln!(
-                "note: the rig's registers hold {held} from before this stream, and its frames \
-                 show it"
+                "note: the rig's registers hold {held} from before this stream, which its frames \
+                 will show"
             );
             Ok(())
         }
@@ -278,28 +278,28 @@ fn tell_injected(rig: &mut Rig) -> Result<()> {
     }
 }
 
-/// What a stream is made of.
+/// The inputs of a stream.
 struct Stream<'a> {
     args: &'a Args,
     camera: &'a Camera,
-    /// The light's.
+    /// Irradiance of the light.
     cubes: &'a [IrradianceCube],
-    /// One for each of the cubes.
+    /// A sensor for each of the cubes.
     sensors: &'a [SimulatedSensor],
-    /// Whether each frame has the light of the one before.
+    /// Whether all frames have the same light.
     still: bool,
-    /// Frames to take, at most.
+    /// Maximum number of frames.
     count: u32,
 }
 
-/// What has been taken of a stream, also where it breaks off.
+/// What has been received of a stream, also if it broke off.
 struct Taken {
     pace: Pace,
     outcome: Outcome,
 }
 
 impl Stream<'_> {
-    /// Takes the frames, until there are enough or a signal asks for the end.
+    /// Takes the frames, until there are enough or a signal asks to stop.
     fn frames(
         &self,
         rig: &mut Rig,
@@ -353,7 +353,8 @@ impl Stream<'_> {
             let time = taken.pace.end();
             if let Some(restored) = &frame.restored {
                 eprintln!(
-                    "note: in frame {i} the rig came back with other registers; again: {restored}"
+                    "note: in frame {i} the rig restarted with other registers; restored: \
+                     {restored}"
                 );
             }
             taken.outcome.dropped += u64::from(frame.dropped);
@@ -372,7 +373,7 @@ impl Stream<'_> {
         Ok(())
     }
 
-    /// The exposure of the frame that begins next, s, where light is made for it.
+    /// The exposure of the next frame, s, for which its light is made.
     fn exposure_s(
         &self,
         rig: &mut Rig,
@@ -387,7 +388,7 @@ impl Stream<'_> {
         Ok(coming.exposure_s)
     }
 
-    /// How a frame is to be taken.
+    /// The request for a frame.
     fn request(&self, frame: u32, by_registers: bool) -> FrameRequest {
         let args = self.args;
         FrameRequest {

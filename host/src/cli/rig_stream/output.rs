@@ -1,4 +1,4 @@
-//! Where the raw frames of a stream go, each as soon as it is there.
+//! The output of a stream, to which each raw frame is written as soon as it arrives.
 
 use super::Args;
 use crate::cli::live::{self, LiveFrames};
@@ -24,15 +24,15 @@ impl Output {
     /// Opens the output that the arguments name, if any.
     ///
     /// # Errors
-    /// A format in which frames do not follow one another, and those of [`LiveFrames::create`].
+    /// A format that is not a stream of frames, and those of [`LiveFrames::create`].
     pub fn open(args: &Args) -> Result<Option<Self>> {
         let Some(path) = &args.output else { return Ok(None) };
         live::check_figures(path, args.json)?;
         let encoder = LiveEncoder::new(format(path, args.to.as_deref())?, args.fps);
         let encoder = encoder.map_err(|e| {
             e.at(path.display()).help(
-                "a rig's frames are written as .csi2, .mcap, .pgm, .y4m or headerless pixels \
-                 (NAME_640x480_SGRBG10P.raw); `camrig convert` makes other formats of them",
+                "write a rig's frames as .csi2, .mcap, .pgm, .y4m or headerless pixels \
+                 (NAME_640x480_SGRBG10P.raw); `camrig convert` converts them to other formats",
             )
         })?;
         let frames = LiveFrames::create(path, args.force, encoder)?;
@@ -44,7 +44,7 @@ impl Output {
         }))
     }
 
-    /// A recording of whole frames that begins within a stream of `fps` frames per second.
+    /// A recording that begins within a stream of `fps` frames per second.
     ///
     /// # Errors
     /// Those of [`Self::open`], a file that exists.
@@ -57,8 +57,8 @@ impl Output {
         Ok(Self { path, frames, readout: Readout::default(), numbers: Numbers::default() })
     }
 
-    /// Takes up the camera's figures where the format holds them, and refuses a sensor whose
-    /// frames it cannot hold.
+    /// Sets the camera's intrinsics if the format stores them, and refuses a sensor whose frames it
+    /// cannot store.
     pub fn prepare(
         &mut self,
         args: &Args,
@@ -73,8 +73,7 @@ impl Output {
         self.frames.check(&self.readout.of(sensor.raw_frame(vec![0; pixels], 1.0))?)
     }
 
-    /// Writes a frame that began `time_s` after the first was due, unless the sensor has dropped
-    /// it.
+    /// Writes a frame that began `time_s` after the first was due, unless the sensor dropped it.
     pub fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor, time_s: f64) -> Result<()> {
         let number = self.numbers.of(frame.start.counter);
         if frame.dropped {
@@ -89,10 +88,10 @@ impl Output {
         self.frames.write(&self.readout.of(frame.to_raw(sensor)?)?, &beside)
     }
 
-    /// Refuses an output into which nothing came.
+    /// Refuses an output that received no frame.
     pub fn check_any(&self) -> Result<()> {
         match self.count() {
-            0 => Err(Error::input("every frame was dropped, as asked")),
+            0 => Err(Error::input("every frame was dropped, as requested")),
             _ => Ok(()),
         }
     }
@@ -107,7 +106,7 @@ impl Output {
         self.frames.count()
     }
 
-    /// Where they go.
+    /// The path of the output.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -123,7 +122,7 @@ fn format(path: &Path, to: Option<&str>) -> Result<Format> {
 }
 
 /// CSI-2 frame numbers that follow the sensor's counter: 1 for the first frame of the stream, up
-/// to 65535 and then 1 again. A lost frame leaves a gap, a counter that is stuck repeats itself.
+/// to 65535 and then 1 again. A lost frame leaves a gap, a stuck counter repeats.
 #[derive(Default)]
 struct Numbers {
     counted: u64,

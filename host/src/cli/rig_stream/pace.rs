@@ -1,22 +1,22 @@
-//! When the frames of a stream began and ended, and whether a frame rate was kept.
+//! Timing of a stream's frames, and whether a frame rate was kept.
 
 use camrig_base::stop::Stoppable;
 use camrig_rig::Rig;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
-/// A frame is late when it begins later than it was due by more than this share of the period,
-/// and by more than what an operating system may sleep too long, s.
+/// A frame is late if it begins later than due by more than this fraction of the period plus the
+/// time by which an operating system may oversleep, s.
 pub const LATE_SHARE: f64 = 0.1;
 pub const OVERSLEPT_S: f64 = 1e-3;
-/// Share of the frame rate asked for below which it counts as missed: what a bench with a
-/// tolerance of a few per cent can live with.
+/// Fraction of the requested frame rate below which it counts as missed: a bench can tolerate a few
+/// per cent.
 const KEPT_SHARE: f64 = 0.97;
-/// Longest silence towards a rig between two frames: a third of what a server takes for a host
-/// that has gone.
+/// Longest silence towards a rig between two frames: a third of the time after which a server drops
+/// a host.
 const SILENCE: Duration = Duration::from_secs(3);
-/// Latencies kept, of the newest frames: a stream may go on for days, and 8 MiB of them are nine
-/// hours at 30 frames/s.
+/// Number of the newest latencies that are kept: a stream may run for days, and 8 MiB of latencies
+/// are nine hours at 30 frames/s.
 const LATENCIES: u64 = 1 << 20;
 
 /// The times of a stream's frames.
@@ -27,7 +27,7 @@ pub struct Pace {
     /// Seconds after the start at which the first frame began, and the newest.
     first: f64,
     newest: f64,
-    /// Frames that began late, and the largest lateness of any, s.
+    /// Frames that began late, and the largest delay of any, s.
     late: u64,
     worst: f64,
     /// Time to the last row of the newest frames, s, and the largest of all.
@@ -36,8 +36,7 @@ pub struct Pace {
     seconds: f64,
 }
 
-/// Waits until a frame is due, or a signal asks for the end. In long pauses the rig hears that this
-/// host is there.
+/// Waits until a frame is due, or a signal asks to stop; keeps the link alive in long pauses.
 pub fn wait_until(due: Instant, rig: &mut Rig, stop: &Stoppable) {
     loop {
         let now = Instant::now();
@@ -45,7 +44,7 @@ pub fn wait_until(due: Instant, rig: &mut Rig, stop: &Stoppable) {
         if due <= now + SILENCE || stop.is_asked() {
             return;
         }
-        // A link that has broken is opened again with the frame, which says so.
+        // A broken link is reopened with the next frame, with a note.
         let _ = rig.keep_alive();
     }
 }
@@ -62,7 +61,7 @@ pub struct FrameTime {
 }
 
 impl FrameTime {
-    /// For people's scripts.
+    /// For `--json`.
     pub fn json(&self) -> Value {
         let (latency_ms, late_ms) = (1e3 * self.latency, self.late.map(|late| 1e3 * late));
         json!({ "begin_s": self.begin, "latency_ms": latency_ms, "late_ms": late_ms })
@@ -70,7 +69,7 @@ impl FrameTime {
 }
 
 impl Pace {
-    /// A stream at a frame rate, frames per second; as fast as it goes without one.
+    /// A stream at a frame rate, frames/s; as fast as possible without one.
     pub fn new(fps: Option<f64>) -> Self {
         Self {
             fps,
@@ -119,12 +118,12 @@ impl Pace {
         self.worst = self.worst.max(late);
     }
 
-    /// How much later than due the newest frame began, s; `None` without a frame rate.
+    /// By how much the newest frame began later than due, s; `None` without a frame rate.
     fn lateness(&self) -> Option<f64> {
         self.due(self.frames).map(|due| (self.newest - due).max(0.0))
     }
 
-    /// Its last row has come.
+    /// Its last row has arrived.
     pub fn end(&mut self) -> FrameTime {
         self.end_after(self.start.elapsed().as_secs_f64() - self.newest)
     }
@@ -163,17 +162,17 @@ impl Pace {
         }
     }
 
-    /// Frames that began late.
+    /// Number of frames that began late.
     pub fn late(&self) -> u64 {
         self.late
     }
 
-    /// Whether the frame rate asked for was reached; `None` where none was.
+    /// Whether the requested frame rate was reached; `None` without one.
     pub fn is_kept(&self) -> Option<bool> {
         self.fps.map(|fps| self.late == 0 || self.frames_per_s() >= KEPT_SHARE * fps)
     }
 
-    /// Words about frames that came late.
+    /// Message about late frames.
     pub fn said(&self) -> Option<String> {
         let (fps, late, frames) = (self.fps?, self.late, self.frames);
         let (worst, rate) = (1e3 * self.worst, self.frames_per_s());

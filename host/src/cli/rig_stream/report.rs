@@ -1,4 +1,4 @@
-//! What is told of a stream.
+//! The figures of a stream, as text and JSON.
 
 use super::Args;
 use super::pace::{FrameTime, Pace};
@@ -8,7 +8,7 @@ use camrig_rig::{Rig, RigFrame};
 use camrig_rig_link::message::{Exposure, Fault};
 use serde_json::{Value, json};
 
-/// What the sensor says about a frame, and its times.
+/// The settings and times of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Record {
     counter: u16,
@@ -21,7 +21,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// A frame that has come.
+    /// Of a received frame.
     pub fn new(frame: &RigFrame, time: FrameTime) -> Self {
         let start = &frame.start;
         Self {
@@ -35,7 +35,7 @@ impl Record {
         }
     }
 
-    /// What was in force, and what was done to the frame.
+    /// The settings in force, and injected faults.
     fn settings(&self) -> Value {
         let mut settings = json!({
             "counter": self.counter,
@@ -64,22 +64,22 @@ fn fault(fault: Fault) -> Value {
     }
 }
 
-/// What came of a stream, beside its times.
+/// The outcome of a stream, apart from its times.
 #[derive(Default)]
 pub struct Outcome {
-    /// Frames that the sensor dropped, as it was asked.
+    /// Frames that the sensor dropped on request.
     pub dropped: u64,
-    /// Frames whose rows were lit for another exposure than the rig's.
+    /// Frames whose light was computed for another exposure than the rig's.
     pub exposure_missed: u64,
-    /// Each frame, where figures are asked for.
+    /// Every frame, for `--json`.
     pub records: Vec<Record>,
     /// Frames of a scene that is a sequence, counted.
     pub scene_frames: Value,
-    /// What was told of the light, the lens and the camera's tables.
+    /// Notes about the light, the lens and the camera's tables.
     pub notes: Vec<String>,
 }
 
-/// Tells figures: one JSON object, or lines for a person, on standard error where the frames are
+/// Prints figures: one JSON object, or lines of text, which go to standard error if the frames are
 /// on standard output.
 pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &Outcome) {
     let (sent, received) = rig.link_bytes();
@@ -139,12 +139,12 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
     }
     if dropped > 0 {
         let dropped = counted(dropped as usize, "frame");
-        lines.push(format!("dropped {dropped}, as the rig's fault register asked"));
+        lines.push(format!("dropped {dropped}, as requested by the rig's fault register"));
     }
     if outcome.exposure_missed > 0 {
         lines.push(format!(
-            "{} frames have another exposure than their light was made for: another host writes \
-             the rig's registers",
+            "{} frames had another exposure than their light was computed for: another host \
+             writes the rig's registers",
             outcome.exposure_missed
         ));
     }

@@ -1,30 +1,30 @@
-//! Exposure that follows the light.
+//! Automatic exposure.
 
 use camrig_base::RawFrame;
 use camrig_render::auto_exposure::{Brightness, correction};
 
-/// Frames to let pass after a change: the longest delay of a rig's registers, 4, and the frame that
-/// had begun.
+/// Frames to wait after a change: the longest delay of a rig's registers, 4, and the frame in
+/// progress.
 const SETTLE: u32 = 5;
-/// Relative change of the exposure below which it is left alone, so that noise does not move it. A
-/// trade: a seventh of a stop is hardly seen.
+/// Relative change of the exposure below which it stays, so that noise does not move it. A
+/// trade-off: a seventh of a stop is hardly visible.
 const DEAD_ZONE: f64 = 0.1;
 
-/// The loop from frames to exposures.
+/// The control loop from frames to exposures.
 #[derive(Debug, Default)]
 pub struct Automatic {
     on: bool,
-    /// Frames that must still pass.
+    /// Frames still to wait for.
     wait: u32,
 }
 
 impl Automatic {
-    /// Begins or ends.
+    /// Switches automatic exposure on or off.
     pub fn switch(&mut self, on: bool) {
         *self = Self { on, wait: 0 };
     }
 
-    /// The exposure to write after a frame of `exposure_s`, if another would suit the light better.
+    /// The exposure to write after a frame of `exposure_s`, if it should change.
     pub fn next(&mut self, frame: &RawFrame, exposure_s: f64) -> Option<f64> {
         if !self.on || self.wait > 0 {
             self.wait = self.wait.saturating_sub(1);

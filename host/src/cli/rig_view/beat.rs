@@ -1,37 +1,37 @@
-//! When the frames of a live page are due.
+//! Frame timing of the console.
 
 use crate::cli::rig_stream::pace;
 use camrig_base::stop::Stoppable;
 use camrig_rig::Rig;
 use std::time::{Duration, Instant};
 
-/// The beat of the frames. Unlike a stream's, it does not catch up: after a frame that began late
-/// the next is due one period later.
+/// The beat of the frames. Unlike a stream's, it does not catch up: after a late frame the next is
+/// due one period later.
 pub struct Beat {
     period: Duration,
-    /// When the next frame is due; `None` for at once.
+    /// When the next frame is due; `None` for immediately.
     due: Option<Instant>,
 }
 
 impl Beat {
-    /// A beat of so many frames per second.
+    /// A beat of `fps` frames per second.
     pub fn new(fps: f64) -> Self {
         Self { period: Duration::from_secs_f64(1.0 / fps), due: None }
     }
 
-    /// The next frame is due at once.
+    /// Makes the next frame due immediately.
     pub fn restart(&mut self) {
         self.due = None;
     }
 
-    /// Waits until the next frame is due, or a signal asks for the end.
+    /// Waits until the next frame is due, or a signal asks to stop.
     pub fn wait(&self, rig: &mut Rig, stop: &Stoppable) {
         if let Some(due) = self.due {
             pace::wait_until(due, rig, stop);
         }
     }
 
-    /// A frame begins; whether it is late.
+    /// Begins a frame; returns whether it is late.
     pub fn begin(&mut self, now: Instant) -> bool {
         let due = self.due.unwrap_or(now);
         let tolerance =

@@ -1,4 +1,4 @@
-//! Frames in files: one that is saved, or all that come.
+//! Saved frames and recordings.
 
 use super::super::rig_stream::output::Output;
 use crate::view::Frame;
@@ -9,13 +9,13 @@ use camrig_formats::{Facts, Format, Frames};
 use camrig_render as render;
 use std::path::{Path, PathBuf};
 
-/// Names that are tried for a file: a folder with more of them is full of something else.
+/// Maximum number of names tried for a file.
 const MAX_NAMES: u32 = 10_000;
 
-/// Writes a frame as a DNG, as `camrig simulate` does, under a name of its own.
+/// Writes a frame as a DNG, as `camrig simulate` does, under an unused name.
 ///
 /// # Errors
-/// A folder in which nothing can be written.
+/// A folder that is not writable.
 pub fn save(frame: &Frame, camera: &Camera, folder: &Path) -> Result<PathBuf> {
     let light = &frame.light;
     let info = render::frame_info(
@@ -32,22 +32,22 @@ pub fn save(frame: &Frame, camera: &Camera, folder: &Path) -> Result<PathBuf> {
     Ok(path)
 }
 
-/// Begins a recording under a name of its own.
+/// Starts a recording under an unused name.
 ///
 /// # Errors
-/// A folder in which nothing can be written, and those of [`Output::recording`].
+/// A folder that is not writable, and those of [`Output::recording`].
 pub fn record(camera: &Camera, folder: &Path, format: &str, fps: f64) -> Result<Output> {
     let path = free(folder, &format!("{}-recording", stem(camera)), format)?;
     Output::recording(path, fps, camera)
 }
 
-/// A camera's name as a part of a file's.
+/// A camera's name as part of a file name.
 fn stem(camera: &Camera) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
     camera.name.chars().map(plain).collect()
 }
 
-/// A name in a folder that no file has.
+/// An unused file name in a folder.
 fn free(folder: &Path, stem: &str, extension: &str) -> Result<PathBuf> {
     let numbered = (2..MAX_NAMES).map(|n| format!("{stem}-{n}.{extension}"));
     let mut names = std::iter::once(format!("{stem}.{extension}")).chain(numbered);

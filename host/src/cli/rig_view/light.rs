@@ -1,4 +1,4 @@
-//! What the rig is shown, and how it changes while it runs.
+//! The scene and light in front of the rig, and how they change while it runs.
 
 use super::Args;
 use crate::view::{Light, Settings, Shared, Source, State};
@@ -11,16 +11,16 @@ use camrig_scene::chart;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-/// Lights that a scene of reflectances may be put into, beside its own.
+/// Lights offered for reflectance scenes, besides the scene's own.
 const ILLUMINANTS: [&str; 8] = ["D65", "D50", "A", "E", "F2", "F11", "LED-B1", "LED-B5"];
 
 /// A scene in its light in front of a sensor.
 pub struct Lit {
-    /// What the optics stage gave of its first frame.
+    /// Output of the optics stage for its first frame.
     view: Arc<OpticsOutput>,
-    /// What falls on the sensor in a later one.
+    /// Irradiance of a later frame.
     later: Option<Arc<IrradianceCube>>,
-    /// What is told of frames.
+    /// Facts about the light for frames.
     pub light: Arc<Light>,
     /// The sensor under this level of light.
     pub sensor: Arc<SimulatedSensor>,
@@ -39,7 +39,7 @@ impl Lit {
     /// The same scene at another level, lx.
     ///
     /// # Errors
-    /// A scene that is in its own light.
+    /// A scene that includes its light.
     pub fn at(&self, camera: &Camera, lux: f64) -> Result<Self> {
         Self::of(camera, self.view.clone(), self.later.clone(), self.view.header_at(lux)?)
     }
@@ -67,17 +67,17 @@ impl Lit {
         }
     }
 
-    /// What the optics stage gave of the scene's first frame.
+    /// Output of the optics stage for the scene's first frame.
     pub fn first(&self) -> Arc<OpticsOutput> {
         self.view.clone()
     }
 
-    /// What falls on the sensor at the level of light that the scene was made for.
+    /// Irradiance on the sensor at the light level that the scene was made for.
     pub fn cube(&self) -> &IrradianceCube {
         self.later.as_deref().unwrap_or(&self.view.cube)
     }
 
-    /// Says what is shown.
+    /// Puts scene and light into the page's settings.
     pub fn tell(&self, scene: &str, settings: &mut Settings) {
         settings.scene = scene.to_owned();
         settings.lux = self.light.header.lux;
@@ -85,7 +85,7 @@ impl Lit {
     }
 }
 
-/// What the page is told before the scene is open.
+/// Contents of the page before the scene is open.
 ///
 /// # Errors
 /// A text that is not the address of a rig.
@@ -102,8 +102,8 @@ pub fn description(args: &Args, camera: &Camera) -> Result<(Source, Settings)> {
     Ok((source, Settings { exposure_s, analog_gain, scene, ..Settings::default() }))
 }
 
-/// Tells the page of the scene's first light, and what to choose from. A scene that changes with
-/// time is the only one.
+/// Shows the scene's first light on the page, and the choices of scenes and lights. A changing scene
+/// is the only choice.
 pub fn tell_first(shared: &Shared, lit: &Lit, stands_still: bool) {
     shared.change(|state| {
         let State { source, settings, busy, .. } = state;
@@ -120,7 +120,7 @@ pub fn tell_first(shared: &Shared, lit: &Lit, stands_still: bool) {
     });
 }
 
-/// What is shown, where the optics stage must run for it.
+/// A choice of scene and light, for which the optics stage must run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wanted {
     /// The scene.
@@ -129,15 +129,15 @@ pub struct Wanted {
     pub illuminant: Option<String>,
 }
 
-/// Runs the optics stage beside the stream, one scene after the other.
+/// Runs the optics stage in the background, one scene after the other.
 pub struct Workshop {
     camera: Camera,
     stage: OpticsStage,
-    /// Scenes and lights that may be wanted: a page may not open files.
+    /// Scenes and lights that may be chosen: a page may not open files.
     source: Source,
-    /// What the stream began with.
+    /// The choice at the start.
     first: Wanted,
-    /// What is shown, and what was wanted last.
+    /// The choice shown, and the latest one.
     shown: Wanted,
     latest: Wanted,
     at_work: Option<(Wanted, JoinHandle<Result<OpticsOutput>>)>,
@@ -145,14 +145,14 @@ pub struct Workshop {
 
 /// A scene that the optics stage has computed.
 pub struct Ready {
-    /// What was wanted.
+    /// The choice.
     pub wanted: Wanted,
-    /// What it gave.
+    /// Output of the optics stage.
     pub view: OpticsOutput,
 }
 
 impl Workshop {
-    /// Works as a stage would, for other scenes and lights than those of the start.
+    /// Works like `stage`, for other scenes and lights than those at the start.
     pub fn new(camera: Camera, stage: OpticsStage, state: &State) -> Self {
         let Settings { scene, illuminant, .. } = state.settings.clone();
         let first = Wanted { scene, illuminant };
@@ -160,14 +160,14 @@ impl Workshop {
         Self { camera, stage, source, first, shown, latest, at_work: None }
     }
 
-    /// Wants another scene.
+    /// Chooses another scene.
     ///
     /// # Errors
     /// A name that is not in the list.
     pub fn want_scene(&mut self, scene: String) -> Result<()> {
         if !self.source.scenes.contains(&scene) {
             return Err(Error::input(format!("scene {scene}"))
-                .help("choose a built-in chart, or the scene of the start"));
+                .help("choose a built-in chart, or the initial scene"));
         }
         let own_light = scene == self.first.scene && self.first.illuminant.is_none();
         let illuminant = self.latest.illuminant.take().filter(|_| !own_light);
@@ -175,24 +175,24 @@ impl Workshop {
         Ok(())
     }
 
-    /// Wants another light.
+    /// Chooses another light.
     ///
     /// # Errors
     /// A name that is not in the list.
     pub fn want_light(&mut self, name: String) -> Result<()> {
         if !self.source.illuminants.contains(&name) {
-            return Err(Error::input(format!("light {name}")).help("choose one of the list"));
+            return Err(Error::input(format!("light {name}")).help("choose one from the list"));
         }
         self.latest.illuminant = Some(name);
         Ok(())
     }
 
-    /// What has become ready; begins what is wanted.
+    /// A finished scene, if any; starts the next one chosen.
     pub fn ready(&mut self, shared: &Shared) -> Option<Result<Ready>> {
         if self.at_work.as_ref().is_some_and(|(_, work)| work.is_finished()) {
             let (wanted, work) = self.at_work.take()?;
             shared.change(|state| state.busy = None);
-            let broke = || Error::internal(format!("the optics of {} broke off", wanted.scene));
+            let broke = || Error::internal(format!("the optics stage of {} failed", wanted.scene));
             let view = work.join().unwrap_or_else(|_| Err(broke()));
             match view {
                 Ok(_) => self.shown.clone_from(&wanted),

@@ -28,12 +28,12 @@ use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::{Arc, mpsc};
 
-/// Show a rig's frames live on a page of this machine, and drive the rig from it
+/// Show a rig's frames live in the browser, and control the rig from there
 ///
-/// Picture with clipping and readout, profile, histogram, noise, frame timing; exposure, gain,
-/// light, scene and registers; frames to be saved or recorded. Prints the address of the page; it
-/// goes on until it is interrupted, and takes a link that breaks up again. The page needs the token
-/// in that address, and pages of other origins are turned away.
+/// Picture with clipping and pixel values, profile, histogram, noise, frame timing; exposure, gain,
+/// light, scene and registers; saving and recording of frames. Prints the address of the page, runs
+/// until it is interrupted, and reopens a broken link. The address contains a token that keeps
+/// other web pages out.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig view emulator: --camera mt9v024 --scene colorchecker\n  \
@@ -48,7 +48,7 @@ pub struct Args {
     view: ViewArgs,
     #[command(flatten)]
     time: TimeArgs,
-    /// Integration time at the start
+    /// Exposure time at the start
     #[arg(
         long,
         value_parser = duration,
@@ -60,39 +60,39 @@ pub struct Args {
     /// Analog gain at the start
     #[arg(long, value_parser = positive, value_name = "G", default_value_t = 1.0)]
     gain: f64,
-    /// At most this many frames per second
+    /// Maximum frame rate, frames/s
     #[arg(long, value_parser = positive, value_name = "F", default_value_t = 25.0)]
     fps: f64,
     /// Arithmetic of the rig's sensor stage
     #[arg(long, value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
-    /// Send all spectral bands instead of mean electrons: the bytes of `rig stream` without
-    /// --collapse, and some thirty times as much to send
+    /// Send all spectral bands instead of mean electrons: the same frames as `rig stream` without
+    /// --collapse, for some thirty times the bytes on the link
     #[arg(long)]
     spectral: bool,
     /// End after this many frames
     #[arg(long, value_name = "N")]
     frames: Option<u32>,
-    /// Folder for saved frames and recordings, which never replace a file
+    /// Folder for saved frames and recordings; existing files are never replaced
     #[arg(short, long, value_name = "FOLDER", default_value = ".")]
     output: PathBuf,
     /// Format of recordings
     #[arg(long, value_name = "FORMAT", value_parser = ["mcap", "csi2"], default_value = "mcap")]
     to: String,
-    /// Where the page is served
+    /// Address of the page
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0")]
     listen: String,
-    /// Serve the page where other machines reach it: who has its token sees the frames and moves
-    /// the sliders, and the token goes over the network unencrypted
+    /// Allow an address that other machines can reach: anyone with the token can see the frames and
+    /// control the rig, and the token crosses the network unencrypted
     #[arg(long)]
     allow_remote: bool,
 }
 
-/// Orders that may wait for the stream. A trade: more than a person gives within a frame, and a
-/// stream that stands still is soon told to the page.
+/// Orders that may be pending. A trade-off: more than a person gives within a frame, yet a stalled
+/// stream is soon reported on the page.
 const WAITING_ORDERS: usize = 64;
 
-/// Takes orders from the page to the stream, and saves frames beside it.
+/// Passes orders from the page to the stream, and saves frames without holding it up.
 struct FrontDesk {
     orders: mpsc::SyncSender<Order>,
     camera: Camera,
@@ -103,7 +103,7 @@ impl Desk for FrontDesk {
     fn order(&self, order: Order) -> Result<()> {
         self.orders
             .try_send(order)
-            .map_err(|_| Error::device("the stream stands still and takes no orders"))
+            .map_err(|_| Error::device("the stream has stalled and takes no orders"))
     }
 
     fn save(&self, frame: &Frame) -> Result<String> {
@@ -123,12 +123,13 @@ impl Page for Arc<Shared> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<()> {
-    let opens = "see and drive the rig with this page's token, which the network carries in clear";
+    let opens =
+        "see and control the rig with this page's token, which crosses the network unencrypted";
     super::rig::remote(&args.listen, args.allow_remote, opens)?;
     if !args.output.is_dir() {
-        return Err(Error::input("there is no such folder")
+        return Err(Error::input("folder not found")
             .at(args.output.display())
-            .help("make it first, or name another for saved frames and recordings"));
+            .help("create it, or choose another for saved frames and recordings"));
     }
     let page = View::listen(&args.listen)?;
     let mut rig = Rig::open(&args.url)?;
@@ -136,12 +137,12 @@ pub fn run(args: &Args) -> Result<()> {
     let changes = args.view.motion.is_some()
         || args.time.is_given()
         || args.view.sequence.is_sequence(&args.view.scene)?;
-    // A scene that stands still has no times, and its page may ask for any frame rate.
+    // A still scene has no times, and its page may use any frame rate.
     let times = if changes { args.time.times(&camera, Some(args.fps))? } else { None };
     let (source, settings) = light::description(args, &camera)?;
     let shared = Arc::new(Shared::new(source, settings));
     let (sender, orders) = mpsc::sync_channel(WAITING_ORDERS);
-    // The address is data: scripts wait for it. The page says what is still waited for.
+    // The address goes to standard output: scripts wait for it. The page shows what is pending.
     println!("{}", page.url());
     let _ = std::io::stdout().flush();
     let folder = args.output.clone();

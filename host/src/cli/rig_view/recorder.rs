@@ -1,4 +1,4 @@
-//! The recording of a live page's frames.
+//! Recording of the console's frames.
 
 use super::{Args, files};
 use crate::cli::rig_stream::output::Output;
@@ -9,7 +9,7 @@ use camrig_camera::Camera;
 use camrig_render::SimulatedSensor;
 use camrig_rig::RigFrame;
 
-/// Records frames from when it is asked to until it is asked to end.
+/// Records frames while it is switched on.
 pub struct Recorder<'a> {
     args: &'a Args,
     camera: &'a Camera,
@@ -18,12 +18,12 @@ pub struct Recorder<'a> {
 }
 
 impl<'a> Recorder<'a> {
-    /// One that does not record yet.
+    /// A recorder that is switched off.
     pub fn new(args: &'a Args, camera: &'a Camera, shared: &'a Shared) -> Self {
         Self { args, camera, shared, output: None }
     }
 
-    /// Begins, unless it records already. What fails is told to the page.
+    /// Starts recording, unless it runs already. The page reports errors.
     pub fn begin(&mut self) {
         if self.output.is_some() {
             return;
@@ -36,8 +36,8 @@ impl<'a> Recorder<'a> {
         self.tell();
     }
 
-    /// Writes a frame that began `time_s` after the start. A disk that is full ends the recording,
-    /// not the stream.
+    /// Writes a frame that began `time_s` after the start. A full disk ends the recording, not the
+    /// stream.
     pub fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor, time_s: f64) {
         let Some(output) = &mut self.output else { return };
         if let Err(error) = output.take(frame, sensor, time_s) {
@@ -47,7 +47,7 @@ impl<'a> Recorder<'a> {
         self.tell();
     }
 
-    /// Ends, and tells where the frames are.
+    /// Ends the recording, and reports where it is.
     pub fn end(&mut self) {
         let Some(mut output) = self.output.take() else { return };
         let finished = output.finish();

@@ -1,20 +1,20 @@
-//! The registers that the page shows.
+//! The registers shown on the page.
 
 use crate::view::Register;
 use camrig_base::Result;
 use camrig_rig::Rig;
 use camrig_rig_link::registers::{UNITY_GAIN_CODE, address as at};
 
-/// Addresses and names, and whether values can be written.
+/// Addresses, names, and whether they are writable.
 const SHOWN: [(u16, &str, bool); 14] = [
     (at::COARSE_INTEGRATION_TIME, "exposure, lines", true),
     (at::ANALOG_GAIN, "gain code, 256 × gain", true),
     (at::FRAME_LENGTH_LINES, "frame length, lines", true),
     (at::LINE_LENGTH_NS, "line time, ns", true),
-    (at::MODE_SELECT, "1 streams, 0 stands by", true),
-    (at::GROUPED_PARAMETER_HOLD, "1 holds writes back", true),
-    (at::EXPOSURE_DELAY, "delay of exposure, frames", true),
-    (at::GAIN_DELAY, "delay of gain, frames", true),
+    (at::MODE_SELECT, "1 streaming, 0 standby", true),
+    (at::GROUPED_PARAMETER_HOLD, "group hold: 1 hold", true),
+    (at::EXPOSURE_DELAY, "exposure delay, frames", true),
+    (at::GAIN_DELAY, "gain delay, frames", true),
     (at::TEST_PATTERN, "test pattern: 0 none, 1, 2, 4", true),
     (at::TEST_DATA, "solid pattern, DN", true),
     (at::FAULT, "fault: 0 none, 1 to 4", true),
@@ -23,7 +23,7 @@ const SHOWN: [(u16, &str, bool); 14] = [
     (at::MODEL_ID, "model", false),
 ];
 
-/// Reads them; those that the rig lacks are left out.
+/// Reads them; those that the rig lacks are omitted.
 ///
 /// # Errors
 /// A link that fails.
@@ -37,7 +37,7 @@ pub fn read(rig: &mut Rig) -> Result<Vec<Register>> {
     Ok(found)
 }
 
-/// Exposure (s) and gain of registers; `None` where the rig lacks one of them.
+/// Exposure (s) and gain of registers; `None` if the rig lacks one of them.
 pub fn settings(registers: &[Register]) -> Option<(f64, f64)> {
     let value =
         |address| registers.iter().find(|r| r.address == address).map(|r| f64::from(r.value));

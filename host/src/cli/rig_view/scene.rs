@@ -1,8 +1,8 @@
-//! A scene that changes while the page shows it: its light is made beside the stream, so that a
-//! writer who is silent and optics that are slow hold up no frame.
+//! A changing scene on the page: its light is computed in the background, so that a silent writer
+//! or slow optics do not hold up frames.
 //!
-//! The scene's clock goes on with the light that is shown. While the next light is awaited, frames
-//! are exposed to the one before, are counted, and the scene stands still.
+//! The scene's clock advances with the light shown. While the next light is pending, frames repeat
+//! the previous light and are counted, and the scene's clock stands still.
 
 use crate::cli::scene_lights::{NextLight, SceneLights};
 use crate::cli::times;
@@ -18,8 +18,8 @@ use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time after which the page is told in words that light is awaited. A trade: optics that are
-/// slower than the frame rate are a figure, a writer who does nothing is a message.
+/// Time after which the page shows a message about pending light. A trade-off: optics slower than
+/// the frame rate are a counter, a silent writer is a message.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// The scene, and what is known of its next light.
@@ -27,17 +27,17 @@ pub struct Scene {
     asks: Sender<Ask>,
     made: Receiver<Made>,
     maker: JoinHandle<SceneLights>,
-    /// Where rows collect light in time.
+    /// If rows collect light in time.
     in_time: Option<InTime>,
-    /// The light that is asked for next.
+    /// Number of the next light to ask for.
     next: u32,
     awaited: Option<Awaited>,
-    /// Whether the frame that begins next has had its turn to ask.
+    /// Whether the light of the next frame has been asked for.
     has_asked: bool,
     over: bool,
 }
 
-/// What decides when rows are open.
+/// The timing of rows.
 struct InTime {
     /// Line time, ns, and frame length for the rig's registers.
     registers: (u32, u32),
@@ -46,11 +46,11 @@ struct InTime {
     lit: bool,
     /// The exposure that the newest light was made for, s.
     made_for: Option<f32>,
-    /// Another exposure at which frames show it, s, once that was told.
+    /// Another exposure with which frames show it, s, once that was reported.
     missed: Option<f32>,
 }
 
-/// Asks for the light of a frame, for its exposure where that counts.
+/// A request for the light of a frame, and for its exposure if rows collect light in time.
 struct Ask {
     number: u32,
     coming: Option<Coming>,
@@ -90,7 +90,7 @@ fn make(
 }
 
 impl Scene {
-    /// A scene that was opened with `first`; none where it never changes.
+    /// A scene that was opened with `first`; `None` if it never changes.
     pub fn new(
         mut lights: SceneLights,
         first: Arc<OpticsOutput>,
@@ -108,7 +108,7 @@ impl Scene {
             made_for: None,
             missed: None,
         });
-        // What it was opened with is the first light, but in time.
+        // The scene was opened with its first light, unless rows collect it in time.
         let next = u32::from(in_time.is_none());
         let (asks, asked) = channel();
         let (sender, made) = channel();
@@ -117,11 +117,11 @@ impl Scene {
         Some(Self { asks, made, maker, in_time, next, awaited, has_asked, over: false })
     }
 
-    /// Gives a rig that was just opened the line time and frame length of the camera file, where
-    /// they count.
+    /// Writes line time and frame length of the camera file to a rig that was just opened, if rows
+    /// collect light in time.
     ///
     /// # Errors
-    /// A rig without these registers, values that they do not take.
+    /// A rig without these registers, values that do not fit into them.
     pub fn program(&mut self, rig: &mut Rig) -> Result<()> {
         let Some(in_time) = &mut self.in_time else { return Ok(()) };
         times::program(rig, in_time.registers)?;
@@ -129,17 +129,17 @@ impl Scene {
         Ok(())
     }
 
-    /// Whether rows are lit for an exposure that is to be looked up, once registers are written.
+    /// Whether the exposure must still be read before the light is asked for, after pending orders.
     pub fn looks(&self) -> bool {
         self.in_time.is_some() && !self.over && !self.has_asked
     }
 
-    /// Whether it has been looked up, and registers are written after the frame.
+    /// Whether the exposure has been read, so that orders wait until after the frame.
     pub fn has_looked(&self) -> bool {
         self.in_time.is_some() && !self.over && self.has_asked
     }
 
-    /// Asks for the light of the frame that begins next, unless the one before is still awaited.
+    /// Asks for the light of the next frame, unless the previous one is still pending.
     ///
     /// # Errors
     /// A link that fails.
@@ -151,7 +151,7 @@ impl Scene {
         let coming = looked.transpose()?;
         self.has_asked = true;
         if self.awaited.is_none() {
-            // One who has broken off is noticed where the light is taken.
+            // If the maker has failed, that is noticed where the light is taken.
             let _ = self.asks.send(Ask { number: self.next, coming });
             self.next += 1;
             self.awaited = Some(Awaited { since: Instant::now(), told: false });
@@ -159,8 +159,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The light that the frame which begins now is the first to show. That it is late, has ended
-    /// or cannot be made is told to the page.
+    /// The new light for the frame that begins now, if any. The page reports light that is late, has
+    /// ended or cannot be made.
     pub fn light(&mut self, shared: &Shared) -> Option<IrradianceCube> {
         let awaited = self.awaited.as_mut()?;
         let made = match self.made.try_recv() {
@@ -171,13 +171,13 @@ impl Scene {
                 return None;
             }
             Err(TryRecvError::Disconnected) => {
-                let light = Err(Error::internal("the light of the scene broke off"));
+                let light = Err(Error::internal("computing the scene's light failed"));
                 Made { light, exposure_s: None, frames: Value::Null }
             }
         };
         if awaited.told && made.light.is_ok() {
             let seconds = awaited.since.elapsed().as_secs_f64();
-            let text = format!("its next light has come after {seconds:.1} s");
+            let text = format!("its next light arrived after {seconds:.1} s");
             shared.change(|state| state.note("scene", text));
         }
         self.awaited = None;
@@ -206,18 +206,18 @@ impl Scene {
     fn end(&mut self, shared: &Shared) {
         self.over = true;
         let text = match self.in_time.as_ref().is_some_and(|in_time| !in_time.lit) {
-            true => "it has ended; its first frame stays, as if it stood still",
+            true => "it has ended; its first frame stays, as a still scene",
             false => "it has ended; its last light stays",
         };
         shared.change(|state| state.note("scene", text));
     }
 
-    /// Whether no frame can begin, since its rows have no light yet.
+    /// Whether no frame can begin yet, because its rows have no light.
     pub fn is_dark(&self) -> bool {
         !self.over && self.in_time.as_ref().is_some_and(|in_time| !in_time.lit)
     }
 
-    /// A frame has been taken at an exposure; what to tell where its light was made for another.
+    /// After a frame with this exposure: a note if its light was made for another one.
     pub fn taken(&mut self, exposure_s: f32) -> Option<String> {
         self.has_asked = false;
         let in_time = self.in_time.as_mut()?;
@@ -226,19 +226,19 @@ impl Scene {
         let before = std::mem::replace(&mut in_time.missed, missed);
         missed.filter(|_| before != missed).map(|_| {
             format!(
-                "frames of {exposure_s} s have rows that were lit for {made_for} s: the exposure \
-                 has changed since their light was asked for"
+                "the light of frames of {exposure_s} s was computed for {made_for} s: the exposure \
+                 has changed since"
             )
         })
     }
 
-    /// Says what only the end shows, after so many frames.
+    /// Prints the notes that are known only at the end.
     pub fn finish(self, frames: u32) {
         let Self { asks, made, maker, awaited, .. } = self;
         drop(asks);
         if awaited.is_some() && matches!(made.try_recv(), Err(TryRecvError::Empty)) {
-            // It may be for ever.
-            eprintln!("note: the scene's next light was awaited when the page ended");
+            // It might never arrive.
+            eprintln!("note: the scene's next light was still pending when the console ended");
             return;
         }
         if let Ok(mut lights) = maker.join() {
@@ -248,13 +248,13 @@ impl Scene {
 }
 
 impl Awaited {
-    /// Counts a frame that shows the light before again, or tells of the first light.
+    /// Counts a frame that repeats the previous light, or reports that the first is pending.
     fn tell_late(&mut self, shared: &Shared, is_first: bool) {
         let tells = !self.told && self.since.elapsed() >= PATIENCE;
         self.told |= tells;
         let text = match is_first {
-            true => "its first light is awaited",
-            false => "its next light is awaited; frames show the one before",
+            true => "waiting for its first light",
+            false => "waiting for its next light; frames repeat the previous one",
         };
         shared.change(|state| {
             state.scene.get_or_insert_default().late += u64::from(!is_first);

@@ -1,4 +1,4 @@
-//! The stream behind the page: frames as the page's orders have them, for as long as it goes.
+//! The stream behind the page, which carries out the page's orders between frames.
 
 use super::automatic::Automatic;
 use super::beat::Beat;
@@ -21,12 +21,12 @@ use camrig_rig_link::message::Codec;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 
-/// Wait before a rig that does not answer is tried again.
+/// Wait before a rig that does not answer is opened again.
 const RETRY: Duration = Duration::from_secs(1);
-/// Time between two looks for the first light of a scene.
+/// Polling interval for the first light of a scene.
 const LOOK: Duration = Duration::from_millis(10);
 
-/// The stream and what it is driven by.
+/// The stream and what controls it.
 pub struct Session<'a> {
     args: &'a Args,
     camera: &'a Camera,
@@ -42,27 +42,27 @@ pub struct Session<'a> {
     begun: Option<Instant>,
     /// Frames begun.
     frames: u32,
-    /// The light of the frame before is that of the next.
+    /// Whether the previous frame had the same light.
     lit_before: bool,
-    /// A scene that changes.
+    /// A changing scene.
     scene: Option<Scene>,
-    /// Notes of scenes that are chosen on the page.
+    /// Notes about scenes chosen on the page.
     told: Notes,
 }
 
-/// Why frames end.
+/// Why a run of frames ends.
 enum Next {
-    /// There are enough, or a signal asks for the end.
+    /// There are enough, or a signal asks to stop.
     End,
-    /// They go on in another light.
+    /// They continue in another light.
     In(Box<Lit>),
 }
 
 impl<'a> Session<'a> {
-    /// A stream that has not begun; of its scene `told` has been told already.
+    /// A stream before its first frame; the notes `told` have been printed already.
     ///
     /// # Errors
-    /// A graphics processor that is asked for and not there.
+    /// A graphics processor that is asked for and missing.
     pub fn new(
         args: &'a Args,
         camera: &'a Camera,
@@ -91,7 +91,7 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Writes exposure and gain to a rig that was just opened, and says what an earlier host left
+    /// Writes exposure and gain to a rig that was just opened, and reports what an earlier host left
     /// in its registers.
     ///
     /// # Errors
@@ -107,13 +107,13 @@ impl<'a> Session<'a> {
         });
         self.program(rig)?;
         if let Some(held) = rig.injected()? {
-            self.note("rig", format!("its registers hold {held}, and its frames show it"));
+            self.note("rig", format!("its registers hold {held}, which its frames show"));
         }
         self.beat.restart();
         Ok(())
     }
 
-    /// Writes exposure and gain as they were asked for last, and what the scene's rows need.
+    /// Writes the latest exposure and gain, and the line times that the scene needs.
     fn program(&mut self, rig: &mut Rig) -> Result<()> {
         if let Some(scene) = &mut self.scene {
             scene.program(rig)?;
@@ -126,7 +126,7 @@ impl<'a> Session<'a> {
         Write::Gain(gain).apply(rig)
     }
 
-    /// Streams until a signal, or enough frames. A rig that fails is opened again.
+    /// Streams until a signal, or enough frames. A rig that fails is reopened.
     ///
     /// # Errors
     /// A recording that cannot be finished.
@@ -147,7 +147,7 @@ impl<'a> Session<'a> {
         self.recorder.finish()
     }
 
-    /// Frames in one light.
+    /// Streams frames in one light.
     fn stream(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Next> {
         let collapse =
             !self.args.spectral && rig.device().codecs >> (Codec::Electrons16 as u8) & 1 == 1;
@@ -187,8 +187,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Asks for the light of the frame that is due next. Where its rows are lit for an exposure,
-    /// that is looked up once the orders have been carried out; another light where they want one.
+    /// Asks for the light of the next frame. If its rows are lit for an exposure, pending orders are
+    /// carried out first; returns another light if they ask for one.
     fn ask(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Option<Lit>> {
         if self.scene.as_ref().is_some_and(Scene::looks)
             && let Some(other) = self.obey(rig, lit)?
@@ -199,8 +199,8 @@ impl<'a> Session<'a> {
         Ok(None)
     }
 
-    /// The light of the frame that begins now, where it is another than that of the one before: the
-    /// scene has changed, or it was ordered.
+    /// The light of the frame that begins now, if it differs from the previous one: because the
+    /// scene changed, or by an order.
     fn change(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Option<Lit>> {
         if !self.scene.as_ref().is_some_and(Scene::has_looked)
             && let Some(other) = self.obey(rig, lit)?
@@ -225,7 +225,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Takes a frame: to the pages, to the recording, to the automatic exposure.
+    /// Passes a frame to the pages, the recording and the automatic exposure.
     fn take(&mut self, rig: &mut Rig, frame: RigFrame, lit: &Lit, timing: Timing) -> Result<()> {
         self.recorder.take(&frame, &lit.sensor, timing.at_s);
         let raw = (!frame.dropped).then(|| frame.to_raw(&lit.sensor)).transpose()?;
@@ -235,7 +235,7 @@ impl<'a> Session<'a> {
             self.note("scene", missed);
         }
         if let Some(restored) = &frame.restored {
-            self.note("rig", format!("it came back with other registers; again: {restored}"));
+            self.note("rig", format!("it restarted with other registers; restored: {restored}"));
         }
         let wanted =
             raw.as_ref().and_then(|raw| self.automatic.next(raw, f64::from(exposure.exposure_s)));
@@ -258,9 +258,9 @@ impl<'a> Session<'a> {
             std::mem::replace(&mut state.status, Status::Streaming)
         });
         if before == Status::Reconnecting {
-            // It may be another one, or have been without power.
+            // It may be another rig, or have lost power.
             self.program(rig)?;
-            self.note("link", "the rig is back; exposure and gain are written again");
+            self.note("link", "the rig is back; exposure and gain were restored");
         }
         match wanted {
             Some(exposure_s) if !self.write(rig, Write::Exposure(exposure_s))? => {
@@ -276,7 +276,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Does what the page ordered; the light in which frames go on, where that is another one.
+    /// Carries out the page's orders; returns the new light, if it changes.
     fn obey(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Option<Lit>> {
         let mut other = None;
         let orders = self.orders;
@@ -309,7 +309,7 @@ impl<'a> Session<'a> {
         Ok(other)
     }
 
-    /// A scene that has become ready, at the level of the one before, where both have one.
+    /// A finished scene, at the previous light level if both have one.
     fn lit(&mut self, ready: Ready, lux: Option<f64>) -> Result<Lit> {
         let Ready { wanted, view } = ready;
         self.told.tell(view.notes.iter().cloned());
@@ -330,7 +330,7 @@ impl<'a> Session<'a> {
         let effects: Vec<_> = remembering(&lit.sensor).collect();
         if !effects.is_empty() {
             let effects = effects.join(", ");
-            let said = "the light changes: the next frame is as after a dark one";
+            let said = "the light changed: the next frame is computed as after a dark one";
             self.note("rig", format!("{said} ({effects})"));
         }
     }
@@ -383,7 +383,7 @@ impl<'a> Session<'a> {
         self.shared.change(|state| state.settings.auto_exposure = on);
     }
 
-    /// Writes; false where the rig does not take it, which the page is told.
+    /// Writes to the rig; false if the rig refuses, which the page reports.
     fn write(&self, rig: &mut Rig, write: Write) -> Result<bool> {
         match write.apply(rig) {
             Ok(()) => Ok(true),
@@ -395,7 +395,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Takes the settings from the registers, after one was written.
+    /// Updates the settings from the registers, after one was written.
     fn adopt(&self, found: &[Register]) {
         if let Some((exposure_s, gain)) = registers::settings(found) {
             self.shared.change(|state| {
@@ -410,8 +410,7 @@ impl<'a> Session<'a> {
         Ok(found)
     }
 
-    /// Opens the rig again after a fault, as often as it takes; `None` where a signal asks for the
-    /// end.
+    /// Reopens the rig after a fault, trying until it works; `None` if a signal asks to stop.
     fn reconnect(&mut self, error: Error) -> Option<Rig> {
         self.shared.change(|state| {
             state.status = Status::Reconnecting;
