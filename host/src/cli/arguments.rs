@@ -117,9 +117,7 @@ pub fn device() -> impl TypedValueParser<Value = DeviceChoice> {
             "Any graphics processor, even a software device: equal to the CPU within 32-bit \
              rounding"
         }
-        DeviceChoice::Auto => {
-            "A dedicated graphics processor if there is one, otherwise the CPU"
-        }
+        DeviceChoice::Auto => "A dedicated graphics processor if there is one, otherwise the CPU",
     })
 }
 
@@ -127,7 +125,9 @@ pub fn device() -> impl TypedValueParser<Value = DeviceChoice> {
 pub fn arithmetic() -> impl TypedValueParser<Value = Arithmetic> {
     choice(&Arithmetic::ALL, Arithmetic::name, |arithmetic| match arithmetic {
         Arithmetic::F32 => "32-bit floating point",
-        Arithmetic::Fixed => "32-bit fixed point, for microcontrollers without a floating-point unit",
+        Arithmetic::Fixed => {
+            "32-bit fixed point, for microcontrollers without a floating-point unit"
+        }
     })
 }
 

@@ -100,8 +100,7 @@ enum Command {
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     let command = Cli::parse().command;
-    let stopping =
-        || eprintln!("stopping after the current frame; a second signal stops at once");
+    let stopping = || eprintln!("stopping after the current frame; a second signal stops at once");
     platform::before_signals_end(stopping, output::remove_unfinished);
     let status = stdout::guard(|| run(command)).unwrap_or_else(|error| {
         eprintln!("error: {}", advice::advised(error));

@@ -1,4 +1,4 @@
-//! `camrig scene`: the scenes there are, what they hold and look like, and the library.
+//! `camrig scene`: lists, shows, stores and exports scenes.
 
 use super::scene_info::{InfoArgs, info};
 use super::{arguments, calibrate};
@@ -20,14 +20,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Prints a line; a reader that went away (`| head`) is not an error.
+/// Prints a line; a closed pipe (`| head`) is not an error.
 macro_rules! say {
     ($($text:tt)*) => {{
         let _ = writeln!(std::io::stdout(), $($text)*);
     }};
 }
 
-/// Scenes: list, look at, store and export them
+/// List, show, store and export scenes; make scenes from raw frames
 #[derive(clap::Args, Debug)]
 pub struct Args {
     #[command(subcommand)]
@@ -57,13 +57,13 @@ struct ListArgs {
     json: bool,
 }
 
-/// Make an sRGB picture of a scene under a light
+/// Write an sRGB picture of a scene in a given light
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig scene show colorchecker --illuminant A -o chart.png")]
 struct ShowArgs {
     /// Chart, spectral cube, picture or scene directory
     scene: String,
-    /// Light on a reflectance scene (D65 unless given)
+    /// Light on a reflectance scene [default: D65]
     #[arg(long, value_name = "I")]
     illuminant: Option<String>,
     /// Longer side, pixels
@@ -84,7 +84,7 @@ struct AddArgs {
     /// Spectral cube: .npy, .npz, .hdr, .mat, .h5, .exr, .tif, a folder of pictures, one per band;
     /// a picture: .png, .jpg, .tif, .exr, .hdr; or a scene directory
     scene: String,
-    /// Library directory; made if it is not there
+    /// Library directory; created if it does not exist
     #[arg(long, value_name = "DIR")]
     library: PathBuf,
     /// Name in the library
@@ -93,7 +93,7 @@ struct AddArgs {
     /// What the scene shows
     #[arg(long, default_value = "")]
     description: String,
-    /// Where it comes from
+    /// Source of the scene
     #[arg(long, default_value = "")]
     source: String,
     /// Terms of use
@@ -114,14 +114,14 @@ struct ExportArgs {
     /// File format
     #[arg(long, value_enum, default_value_t)]
     format: ExportFormat,
-    /// Columns; a cube's own unless given, 640 for charts
+    /// Columns [default: those of a cube, 640 for charts]
     #[arg(long)]
     width: Option<usize>,
-    /// Light that an ISETCam scene of reflectance is given (D65 unless given)
+    /// Light of an exported ISETCam scene of reflectances [default: D65]
     #[arg(long, value_name = "I")]
     illuminant: Option<String>,
-    /// Its luminance on a perfect white, cd/m² (100 unless given); a picture of radiance is scaled
-    /// so that its white has it, another scene of radiance so that its mean is that of 18 % grey
+    /// Luminance of a perfect white, cd/m² [default: 100]; a radiance picture is scaled so that its
+    /// white has it, other radiance scenes so that their mean is 18 % grey
     #[arg(long, value_parser = arguments::positive, value_name = "L")]
     luminance: Option<f64>,
     /// Output directory
@@ -189,14 +189,14 @@ fn list(args: &ListArgs) -> Result<()> {
     Ok(())
 }
 
-/// Width in cells of the grid on which charts are sampled, which have no pixels of their own. A
-/// trade: the figures of a chart hardly change beyond it, and a chart is drawn in a moment.
+/// Width in cells of the grid on which charts are sampled. A trade-off: a chart's figures hardly
+/// change with more cells, and it is drawn quickly.
 pub(super) const CHART_WIDTH: usize = 640;
 
-/// Width over height of the grid where a scene fills any frame.
+/// Aspect ratio of the grid for scenes of any size.
 const ANY_ASPECT: f64 = 4.0 / 3.0;
 
-/// A grid over the whole content, `width` cells across.
+/// A grid over the whole scene, `width` cells across.
 pub(super) fn whole(scene: &dyn Scene, width: usize) -> Grid {
     let cell = 1.0 / width as f64;
     let height = (width as f64 / scene.aspect().unwrap_or(ANY_ASPECT)).round().max(1.0) as usize;
@@ -218,12 +218,12 @@ fn show(args: &ShowArgs) -> Result<()> {
     Ok(())
 }
 
-/// Refuses an illuminant for a scene that has its own light.
+/// Refuses an illuminant for a scene that includes its light.
 fn takes_illuminant(scene: &dyn Scene) -> Result<()> {
     match scene.quantity() {
         Quantity::Reflectance => Ok(()),
-        Quantity::Radiance => Err(Error::input("--illuminant for a scene of radiance")
-            .help("it holds its light; leave --illuminant out")),
+        Quantity::Radiance => Err(Error::input("--illuminant for a radiance scene")
+            .help("it includes its light; omit --illuminant")),
     }
 }
 
@@ -296,8 +296,8 @@ fn export(args: &ExportArgs) -> Result<()> {
 /// Luminance of a perfect white in an exported ISETCam scene, cd/m²: that of ISETCam's own.
 const EXPORT_LUMINANCE: f64 = 100.0;
 
-/// The factor by which an exported scene of radiance is brought to the level asked for, and what
-/// to say of it. Light that would not be applied is refused.
+/// The factor that scales an exported radiance scene to the requested level, with a note. Refuses
+/// light that would not be applied.
 fn level(args: &ExportArgs, scene: &dyn Scene) -> Result<(f32, Option<String>)> {
     if args.illuminant.is_some() {
         takes_illuminant(scene)?;
@@ -314,7 +314,7 @@ fn level(args: &ExportArgs, scene: &dyn Scene) -> Result<(f32, Option<String>)> 
     let mat = matches!(args.format, ExportFormat::Mat);
     if !mat && (args.illuminant.is_some() || args.luminance.is_some()) {
         return Err(Error::input("light for an ENVI file of reflectances")
-            .help("it holds none; leave --illuminant and --luminance out, or give --format mat"));
+            .help("it stores no light; omit --illuminant and --luminance, or use --format mat"));
     }
     Ok((1.0, None))
 }

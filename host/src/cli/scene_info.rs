@@ -1,5 +1,5 @@
-//! `camrig scene info`: on one screen, how a scene was read, what was assumed and ignored, and the
-//! range of its bands.
+//! `camrig scene info`: shows on one screen how a scene was read, what was assumed and ignored, and
+//! the range of its bands.
 
 use super::scene::{CHART_WIDTH, whole};
 use super::{arguments, screen};
@@ -11,7 +11,7 @@ use camrig_scene::{Grid, Quantity, Scene, chart};
 use serde_json::json;
 use std::io::Write;
 
-/// Say what a scene holds: size, bands, range of values
+/// Show the contents of a scene: size, bands, range of values
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig scene info cube.hdr --json")]
 pub struct InfoArgs {
@@ -51,7 +51,7 @@ pub fn info(args: &InfoArgs) -> Result<()> {
             "start_nm": bands.start_nm, "step_nm": bands.step_nm, "bands": per_band,
             "understood": understood, "notes": notes,
         });
-        // A reader that went away (`| head`) is not an error.
+        // A closed pipe (`| head`) is not an error.
         let _ = writeln!(out, "{object}");
         return Ok(());
     }
@@ -66,7 +66,7 @@ pub fn info(args: &InfoArgs) -> Result<()> {
     lines.push("wavelength_nm      min     mean      max".into());
     let step = screen::one_in(figures.len(), lines.len() + notes.len());
     lines.extend(figures.iter().step_by(step).map(|(nm, min, mean, max)| {
-        // Radiance in W m⁻² sr⁻¹ nm⁻¹ may be of any size.
+        // Radiance in W m⁻² sr⁻¹ nm⁻¹ may have any magnitude.
         match (1e-3..1e5).contains(max) || *max == 0.0 {
             true => format!("{nm:13} {min:8.4} {mean:8.4} {max:8.4}"),
             false => format!("{nm:13} {min:8.1e} {mean:8.1e} {max:8.1e}"),
@@ -80,7 +80,7 @@ pub fn info(args: &InfoArgs) -> Result<()> {
     Ok(())
 }
 
-/// A scene with its size in pixels, where it has one, and what was understood of it.
+/// A scene with its size in pixels, if it has one, and how it was read.
 struct Opened {
     scene: Box<dyn Scene>,
     size: Option<(usize, usize)>,
@@ -103,7 +103,7 @@ fn open(spec: &str) -> Result<Opened> {
     }
 }
 
-/// Wavelength in nm, and least, mean and largest value of each band.
+/// Wavelength in nm, and minimum, mean and maximum of each band.
 fn figures(scene: &dyn Scene, grid: &Grid) -> Result<Vec<(f64, f32, f64, f32)>> {
     let bands = scene.bands();
     let bar = arguments::progress("bands", bands.count as u64);

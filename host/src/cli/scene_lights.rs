@@ -1,4 +1,4 @@
-//! The light of frame after frame: a scene that stands still, one that moves, or a sequence.
+//! The light of frame after frame: of a still scene, a moving one, or a sequence.
 
 use super::arguments::{duration, frames_per_s};
 use super::notes::Notes;
@@ -17,29 +17,28 @@ use camrig_scene::sequence::{self, Reading};
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// How a scene that changes with time is read and shown.
+/// How a changing scene is read and shown.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct SequenceArgs {
-    /// Frames per second of a scene that is a sequence (24, 29.97, 30000/1001), where it does not
-    /// say its own
+    /// Frame rate of a sequence, frames/s (24, 29.97, 30000/1001), if it does not state one
     #[arg(long, value_name = "HZ", value_parser = frames_per_s)]
     pub scene_rate: Option<f64>,
-    /// Show a sequence over and over
+    /// Repeat a sequence endlessly
     #[arg(long = "loop")]
     pub repeats: bool,
     /// Take the files of a folder while another program writes them, until a file called `end`
-    /// lies there or nothing new has come for as long as --wait says
+    /// appears or nothing new has arrived for the time given by --wait
     #[arg(long)]
     pub watch: bool,
-    /// How long --watch waits for the next file, s or with a unit (60 s unless given)
+    /// How long --watch waits for the next file, s or with a unit [default: 60 s]
     #[arg(long, value_name = "TIME", value_parser = seconds, requires = "watch")]
     pub wait: Option<f64>,
-    /// Longest silence of a stream, s or with a unit (5 s unless given)
+    /// Longest silence of a stream, s or with a unit [default: 5 s]
     #[arg(long, value_name = "TIME", value_parser = seconds)]
     pub stall: Option<f64>,
 }
 
-/// How long a watched folder may stand still unless asked otherwise, s. A trade: renderers take
+/// Default of the time that a watched folder may stay unchanged, s. A trade-off: renderers take
 /// minutes for a frame, but one that was stopped should not be waited for much longer.
 const WAIT_S: f64 = 60.0;
 
@@ -58,8 +57,8 @@ impl SequenceArgs {
         }
     }
 
-    /// Whether the scene of that name is a sequence. Options of one are refused for a scene that
-    /// stands still.
+    /// Whether the scene of that name is a sequence. Refuses options of a sequence for a still
+    /// scene.
     pub fn is_sequence(&self, scene: &str) -> Result<bool> {
         if sequence::is_sequence(scene, &self.reading())? {
             return Ok(true);
@@ -72,38 +71,36 @@ impl SequenceArgs {
         ];
         match given.into_iter().find(|(given, _)| *given) {
             None => Ok(false),
-            Some((_, flag)) => {
-                Err(Error::input(format!("{flag} for {scene:?}, which stands still"))
-                    .help("it is for a folder of pictures or cubes, or video"))
-            }
+            Some((_, flag)) => Err(Error::input(format!("{flag} for {scene:?}, a still scene"))
+                .help("it applies to a folder of pictures or cubes, or to video")),
         }
     }
 }
 
-/// A sequence in words before it is open.
+/// Name of a sequence in messages before it is open.
 fn named(scene: &str) -> &str {
     if scene == "-" || scene.starts_with("-:") { "standard input" } else { scene }
 }
 
-/// The light of the frames that look at a scene.
+/// The light of a scene's frames.
 pub struct SceneLights {
     camera: Camera,
     changes: Changes,
     times: Option<Times>,
-    /// What was told of a scene that is no sequence.
+    /// Notes about a scene that is not a sequence.
     notes: Vec<String>,
 }
 
 enum Changes {
-    /// Only lamps change, some of them on parts whose irradiance is here.
+    /// Only lamps change, some of them on regions, whose irradiance is stored here.
     Never(Vec<IrradianceCube>),
     Motion(Box<MotionStage>),
     Sequence(Box<Sequence>),
 }
 
 impl SceneLights {
-    /// Opens the scene of `view` for a sensor of that frame rate, and gives the light of the first
-    /// frame as if it stood still. With `times`, rows collect light in their windows. Notes are
+    /// Opens the scene of `view` for a sensor with that frame rate, and returns the light of the
+    /// first frame as a still scene. With `times`, rows collect light in their windows. Notes go to
     /// `told`, now and later.
     pub fn open(
         view: &ViewArgs,
@@ -120,7 +117,7 @@ impl SceneLights {
             let stage = SequenceStage::new(stage)?;
             told.wait_for(|| format!("waiting for the first frame of {}", named(&view.scene)));
             let opened = sequence::open(&view.scene, &view.sequence.reading())?
-                .ok_or_else(|| Error::internal("a sequence that is none"))?;
+                .ok_or_else(|| Error::internal("not a sequence"))?;
             let opened = (opened, view.sequence.repeats);
             let mut sequence = Sequence::new(opened, stage, sensor_hz, times.as_ref(), told);
             let first = sequence.first(&camera)?;
@@ -128,13 +125,13 @@ impl SceneLights {
             return Ok((Self { camera, changes, times, notes: Vec::new() }, first));
         }
         if times.is_some() && view.rolling != 0.0 {
-            return Err(Error::input("--rolling of a camera whose file says when rows are read")
+            return Err(Error::input("--rolling for a camera with timing")
                 .at("[sensor.timing]")
-                .help("leave it out"));
+                .help("omit --rolling"));
         }
         let first = view.view_with(&camera, &mut told)?;
         let changes = if stage.motion.is_some() {
-            lamps.map_or(Ok(()), |lamps| refuse_regions(lamps, "a scene that moves"))?;
+            lamps.map_or(Ok(()), |lamps| refuse_regions(lamps, "a moving scene"))?;
             Changes::Motion(Box::new(MotionStage::open(&stage, &camera)?))
         } else {
             let regions = lamps.map_or(&[][..], Lamps::regions).iter();
@@ -145,7 +142,7 @@ impl SceneLights {
         Ok((Self { camera, changes, times, notes }, first))
     }
 
-    /// Whether each frame has the light of the one before.
+    /// Whether all frames have the same light.
     pub fn stand_still(&self) -> bool {
         let steady = self.times.as_ref().is_none_or(|times| times.lamps.are_steady());
         matches!(self.changes, Changes::Never(_)) && steady
@@ -156,18 +153,18 @@ impl SceneLights {
         self.times.is_some() && !self.stand_still()
     }
 
-    /// Whether the scene is a sequence, which ends.
+    /// Whether the scene is a sequence, which has an end.
     pub fn is_sequence(&self) -> bool {
         matches!(self.changes, Changes::Sequence(_))
     }
 
-    /// When rows collect light, where that is known.
+    /// When rows collect light, if that is known.
     pub fn times(&mut self) -> Option<&mut Times> {
         self.times.as_mut()
     }
 
-    /// The light of frame `frame` at its exposure; they are asked for in order, from 0 on. `first`
-    /// is what the scene was opened with.
+    /// The light of frame `frame` at its exposure; frames must be asked for in order, from 0. `first`
+    /// is the light with which the scene was opened.
     pub fn next(
         &mut self,
         frame: u32,
@@ -209,7 +206,7 @@ impl SceneLights {
         }
     }
 
-    /// Says what only the end shows; `frames` were taken of those `asked` for.
+    /// Prints the notes that are known only at the end; `frames` of those `asked` for were taken.
     pub fn tell_end(&mut self, frames: u64, asked: Option<u32>) {
         let Changes::Sequence(sequence) = &mut self.changes else { return };
         sequence.tell_end();
@@ -224,13 +221,13 @@ impl SceneLights {
         let skipped = rounds.counts().skipped;
         if skipped > 0 {
             eprintln!(
-                "note: shown in no frame: {} of {name}, as the next was due already",
+                "note: skipped: {} of {name}, because the next was already due",
                 counted(skipped as usize, "frame")
             );
         }
     }
 
-    /// What was told of the scene, its light, the lens and the camera's tables so far.
+    /// Notes about the scene, its light, the lens and the camera's tables so far.
     pub fn notes(&self) -> &[String] {
         match &self.changes {
             Changes::Sequence(sequence) => sequence.notes(),
@@ -238,7 +235,7 @@ impl SceneLights {
         }
     }
 
-    /// Frames of the scene, counted; null of a scene that is no sequence.
+    /// Counts of scene frames; null if the scene is not a sequence.
     pub fn counts(&self) -> Value {
         let Changes::Sequence(sequence) = &self.changes else { return Value::Null };
         let counts = sequence.rounds().counts();
@@ -251,7 +248,7 @@ impl SceneLights {
         })
     }
 
-    /// When rows collect light, for programs; null where that is not known.
+    /// When rows collect light, for `--json`; null if that is not known.
     pub fn timing(&self, exposure_s: f64) -> Value {
         self.times.as_ref().map_or(Value::Null, |times| times.figures(exposure_s))
     }

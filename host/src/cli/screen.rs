@@ -1,11 +1,10 @@
-//! What a file holds on one screen of text.
+//! Text that fits on one screen.
 
-/// Lines and columns of a screen: those of a terminal of the usual size, and as many columns as
-/// text has everywhere else.
+/// Lines and columns of a screen: the lines of a usual terminal, and the columns of all other text.
 pub const LINES: usize = 24;
 pub const COLUMNS: usize = 100;
 
-/// Text as lines of a screen: it breaks between words, and goes on two columns further in.
+/// Text wrapped into lines of a screen, with a hanging indent of two columns.
 pub fn wrapped(text: &str) -> Vec<String> {
     let mut lines = Vec::new();
     for paragraph in text.lines() {
@@ -28,8 +27,8 @@ pub fn wrapped(text: &str) -> Vec<String> {
     lines
 }
 
-/// Of `count` lines, one in how many fits into what `taken` lines leave of a screen; at least three
-/// are shown. The line that says what was left out is counted.
+/// The step with which to list `count` lines in what `taken` lines leave of a screen; at least three
+/// are listed. The line that states the omission is included.
 pub fn one_in(count: usize, taken: usize) -> usize {
     let room = LINES.saturating_sub(taken).max(4);
     if count <= room { 1 } else { count.div_ceil(room - 1) }

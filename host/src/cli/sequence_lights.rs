@@ -1,5 +1,5 @@
-//! A sequence as light on a sensor: each frame of the sensor shows one of the scene, or its rows
-//! collect light from one frame of the scene to the next.
+//! A sequence as light on a sensor: each sensor frame shows one scene frame, or its rows collect
+//! light from one scene frame to the next.
 
 use super::notes::Notes;
 use super::times::Times;
@@ -11,9 +11,9 @@ use camrig_scene::sequence::{
     Between, Moment, Playback, Rounds, SceneFrame, SceneSequence, Timeline,
 };
 
-/// What falls on the sensor in a frame.
+/// The light of a frame.
 pub enum NextLight {
-    /// The same as in the frame before; in the first, what the scene was opened with.
+    /// The same as in the previous frame; in the first, the light with which the scene was opened.
     Same,
     /// Other irradiance.
     Changed(IrradianceCube),
@@ -26,29 +26,29 @@ pub struct Sequence {
     shown: Shown,
     stage: SequenceStage,
     told: Notes,
-    /// Pairs of frames in which things that move are still looked for.
+    /// Pairs of frames in which motion is still searched for.
     pairs: u32,
 }
 
-/// Pairs of frames in which things that move are looked for. A trade: each takes a few
-/// milliseconds, and what moves does so soon.
+/// Pairs of frames in which motion is searched for. A trade-off: each takes a few milliseconds, and
+/// what moves usually does so soon.
 const PAIRS: u32 = 16;
 
 /// How a sequence is shown.
 enum Shown {
-    /// Each frame of the sensor shows one of the scene.
+    /// Each sensor frame shows one scene frame.
     Still(Playback),
-    /// Rows collect light from one frame of the scene to the next.
+    /// Rows collect light from one scene frame to the next.
     InTime(Timeline<IrradianceCube>),
 }
 
-/// Memory for frames of a scene that rows of one frame see, bytes. A trade: what a workstation has
-/// to spare; more is refused with a word.
+/// Memory for scene frames seen by the rows of one sensor frame, bytes. A trade-off: what a
+/// workstation can spare; more is refused.
 const MAX_BYTES: u64 = 4 << 30;
 
 impl Sequence {
-    /// Shows a sequence to a sensor of that frame rate, over and over where it `repeats`. With
-    /// `times`, rows collect light in their windows.
+    /// Shows a sequence to a sensor with that frame rate, endlessly if it `repeats`. With `times`,
+    /// rows collect light in their windows.
     pub fn new(
         (sequence, repeats): (Box<dyn SceneSequence>, bool),
         stage: SequenceStage,
@@ -60,8 +60,8 @@ impl Sequence {
         if let Some(times) = times.filter(|_| timed) {
             if times.between == Between::Linear {
                 told.tell([
-                    "between frames of the scene its light goes in a straight line, which blends \
-                     what moves: send several frames per exposure, or let it stand (--between \
+                    "light is interpolated linearly between scene frames, which blends moving \
+                     objects: send several frames per exposure, or hold it (--between \
                      hold)"
                         .into(),
                 ]);
@@ -78,14 +78,12 @@ impl Sequence {
                 (false, Some(_)) => "the scene's frame rate is not known (--scene-rate)",
                 (true, _) => "the sensor's frame rate is not known (--fps)",
             };
-            told.tell([format!(
-                "{unknown}: each frame of the sensor shows the next of the scene"
-            )]);
+            told.tell([format!("{unknown}: each sensor frame shows the next scene frame")]);
         }
         Self { shown: Shown::Still(playback), stage, told, pairs: 0 }
     }
 
-    /// Its name and its frames, counted.
+    /// Its name and the counts of its frames.
     pub fn rounds(&self) -> &Rounds {
         match &self.shown {
             Shown::Still(playback) => &playback.rounds,
@@ -106,7 +104,7 @@ impl Sequence {
         }
     }
 
-    /// Its first frame, as if it stood still.
+    /// Its first frame as a still scene.
     pub fn first(&mut self, camera: &Camera) -> Result<OpticsOutput> {
         let Self { shown, stage, told, .. } = self;
         let output = match shown {
@@ -135,7 +133,7 @@ impl Sequence {
         Ok(output)
     }
 
-    /// The frame of the scene that a frame of the sensor shows.
+    /// The scene frame shown in a sensor frame.
     pub fn next(&mut self, camera: &Camera, number: u32) -> Result<NextLight> {
         let Self { shown: Shown::Still(playback), stage, told, .. } = self else {
             return Err(Error::internal("a sequence in time that stands still"));
@@ -176,12 +174,12 @@ impl Sequence {
         Ok(light)
     }
 
-    /// What was told of it.
+    /// Its notes.
     pub fn notes(&self) -> &[String] {
         self.told.all()
     }
 
-    /// Says what only the end shows.
+    /// Prints the notes that are known only at the end.
     pub fn tell_end(&mut self) {
         let rounds = match &mut self.shown {
             Shown::Still(playback) => &mut playback.rounds,
@@ -192,17 +190,17 @@ impl Sequence {
     }
 }
 
-/// What is told of a thing that moves by so many pixels from one frame to the next.
+/// A note about motion by so many pixels from one scene frame to the next.
 fn moves(pixels: f64) -> String {
     let times = pixels.ceil();
     format!(
-        "from one frame of the scene to the next something moves by {pixels:.0} pixels or more: \
-         rows whose exposure has both frames see it twice, and no blur between; at {times} times \
-         as many frames per second it moves by one (ffmpeg's minterpolate makes them of video)"
+        "something moves by {pixels:.0} pixels or more from one scene frame to the next: rows \
+         whose exposure spans both frames see it twice instead of blurred; at {times} times the \
+         frame rate it would move by one (ffmpeg's minterpolate raises that of video)"
     )
 }
 
-/// What falls on the sensor from the first frame.
+/// Irradiance of the first frame.
 fn lit_first(
     stage: &mut SequenceStage,
     camera: &Camera,
@@ -216,7 +214,7 @@ fn lit_first(
     })
 }
 
-/// What falls on the sensor from a frame after the first.
+/// Irradiance of a later frame.
 fn seen(
     stage: &mut SequenceStage,
     camera: &Camera,
@@ -229,7 +227,7 @@ fn seen(
     Ok(output.cube)
 }
 
-/// The same irradiance once more.
+/// A copy of irradiance.
 fn copied(cube: &IrradianceCube) -> Result<IrradianceCube> {
     weighted(&[(cube, vec![1.0; cube.header.height])])
 }

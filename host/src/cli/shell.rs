@@ -1,4 +1,4 @@
-//! `camrig completions` and `camrig man`: what shells and manuals want to know of the commands.
+//! `camrig completions` and `camrig man`: shell completions and manual pages.
 
 use camrig_base::Result;
 use camrig_base::output::OutputDir;
@@ -6,14 +6,14 @@ use clap::CommandFactory;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Print completions for a shell
+/// Print shell completions
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig completions bash > ~/.local/share/bash-completion/completions/camrig\n  \
     camrig completions zsh > ~/.zfunc/_camrig\n  \
     camrig completions fish > ~/.config/fish/completions/camrig.fish")]
 pub struct CompletionsArgs {
-    /// The shell
+    /// Shell
     shell: clap_complete::Shell,
 }
 
@@ -47,7 +47,7 @@ pub fn run_man(args: &ManArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The page of a command and those of the commands in it.
+/// The page of a command and those of its subcommands.
 fn write_page(output: &OutputDir, command: &clap::Command, name: &str) -> Result<()> {
     let mut page = Vec::new();
     let named = command.clone().name(name.to_string()).display_name(name.to_string());

@@ -1,4 +1,4 @@
-//! Standard output whose reader may go away, or whose disk may be full.
+//! Standard output that may be closed, or whose disk may be full.
 //!
 //! The standard library's `println!` panics then. Here it unwinds with the error as its payload,
 //! without the words of a panic, so that outputs under way are cleaned up, and [`guard`] makes it
@@ -10,14 +10,14 @@ use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
 
-/// Writes to standard output; what fails ends the command that [`guard`] runs.
+/// Writes to standard output; an error ends the command that [`guard`] runs.
 pub fn print(what: std::fmt::Arguments<'_>) {
     if let Err(error) = io::stdout().lock().write_fmt(what) {
         panic::resume_unwind(Box::new(failed(error)));
     }
 }
 
-/// Runs a command; output that cannot be written is its error.
+/// Runs a command; a failed write to standard output becomes its error.
 pub fn guard<T>(command: impl FnOnce() -> Result<T>) -> Result<T> {
     let done = panic::catch_unwind(AssertUnwindSafe(command));
     let outcome =

@@ -1,5 +1,4 @@
-//! Light that changes while rows collect it: what asks for it, and the windows of frame after
-//! frame.
+//! Light that changes while rows collect it: its arguments, and the row windows of frames.
 
 use super::arguments::choice;
 use camrig_base::{Error, Result};
@@ -16,11 +15,11 @@ use serde_json::{Value, json};
 /// Lamps on a scene.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct LampArgs {
-    /// A lamp whose light changes with time: mains:hz=100,depth=0.3 (the light's frequency, twice
-    /// that of the mains) or pulse:hz=90,duty=0.1; phase=PERIODS; share=PART of the light, the rest
-    /// being steady or other lamps'; region=X,Y,WIDTH,HEIGHT, as parts of the frame, of a lamp that
-    /// alone lights that part of a still scene, and no other region. Needs [sensor.timing] in the
-    /// camera file
+    /// Lamp whose light changes with time: mains:hz=100,depth=0.3 (frequency of the light, twice
+    /// that of the mains) or pulse:hz=90,duty=0.1; phase=PERIODS; share=FRACTION of the light, the
+    /// rest being steady or from other lamps; region=X,Y,WIDTH,HEIGHT in fractions of the frame: an
+    /// area of a still scene lit by this lamp alone. Repeatable; needs [sensor.timing] in the camera
+    /// file
     #[arg(long = "lamp", value_name = "WAVE")]
     pub lamps: Vec<Lamp>,
 }
@@ -30,24 +29,24 @@ pub struct LampArgs {
 pub struct TimeArgs {
     #[command(flatten)]
     pub lamps: LampArgs,
-    /// How light goes on from one frame of a sequence to the next, where the camera file has
-    /// [sensor.timing] (linear unless given)
+    /// How light changes from one scene frame to the next, if the camera file has [sensor.timing]
+    /// [default: linear]
     #[arg(long, value_name = "HOW", value_parser = between())]
     pub between: Option<Between>,
 }
 
 fn between() -> impl TypedValueParser<Value = Between> {
     choice(&Between::ALL, Between::name, |between| match between {
-        Between::Linear => "in a straight line",
-        Between::Hold => "it stays until the next is shown",
+        Between::Linear => "interpolated linearly",
+        Between::Hold => "held until the next frame",
     })
 }
 
-/// The windows in which rows collect light, frame after frame, and the light's own changes.
+/// The row windows of frame after frame, and the changes of the light.
 pub struct Times {
     clock: FrameClock,
     timing: SensorTiming,
-    /// Frame period that was asked for, s.
+    /// Requested frame period, s.
     period_s: Option<f64>,
     /// Lamps on the scene.
     pub lamps: Lamps,
@@ -55,18 +54,17 @@ pub struct Times {
     pub between: Between,
 }
 
-/// Refuses lamps that fall on a part of what is no still scene.
+/// Refuses lamps on regions unless the scene is still.
 pub fn refuse_regions(lamps: &Lamps, of: &str) -> Result<()> {
     match lamps.regions() {
         [] => Ok(()),
         _ => Err(Error::unsupported(format!("a lamp on a region of {of}"))
-            .help("leave region= out, or let the scene stand still")),
+            .help("omit region=, or use a still scene")),
     }
 }
 
-/// Gives a rig whose registers decide them its line time, ns, and frame length. In standby, so that
-/// these and all that is written before the next frame take effect with it, also in a rig that has
-/// run before.
+/// Writes line time, ns, and frame length to a rig's registers, in standby, so that these and all
+/// later writes take effect with the next frame, even in a rig that has been running.
 pub fn program(rig: &mut Rig, (line_ns, lines): (u32, u32)) -> Result<()> {
     let mode = rig.read_register(address::MODE_SELECT)?;
     rig.write_register(address::MODE_SELECT, 0)?;
@@ -75,17 +73,17 @@ pub fn program(rig: &mut Rig, (line_ns, lines): (u32, u32)) -> Result<()> {
     rig.write_register(address::MODE_SELECT, mode)
 }
 
-/// Refuses a flag for a camera whose file does not say when rows collect light.
+/// Refuses a flag for a camera without timing.
 fn timing_for(flag: &str, camera: &Camera) -> Result<SensorTiming> {
     camera.sensor.timing.ok_or_else(|| {
-        Error::input(format!("{flag} for {}, whose file has no timing", camera.name))
+        Error::input(format!("{flag} for {}, a camera without timing", camera.name))
             .at("[sensor.timing]")
             .help("give the sensor's line time: --set sensor.timing.line_time_us=20")
     })
 }
 
 impl LampArgs {
-    /// The lamps, in front of a camera whose rows have their times.
+    /// The lamps, for a camera with timing.
     pub fn of(&self, camera: &Camera) -> Result<Lamps> {
         if !self.lamps.is_empty() {
             timing_for("--lamp", camera)?;
@@ -95,12 +93,12 @@ impl LampArgs {
 }
 
 impl TimeArgs {
-    /// Whether anything is asked for.
+    /// Whether any option is given.
     pub fn is_given(&self) -> bool {
         !self.lamps.lamps.is_empty() || self.between.is_some()
     }
 
-    /// The times of a camera's frames at this rate; none of a camera whose file has no timing.
+    /// The times of a camera's frames at this rate; `None` for a camera without timing.
     pub fn times(&self, camera: &Camera, fps: Option<f64>) -> Result<Option<Times>> {
         let lamps = self.lamps.of(camera)?;
         if self.between.is_some() {
@@ -115,12 +113,12 @@ impl TimeArgs {
 }
 
 impl Times {
-    /// The windows of the next frame, for its exposure.
+    /// The row windows of the next frame, for its exposure.
     pub fn next(&mut self, exposure_s: f64) -> Result<RowWindows> {
         self.clock.next(exposure_s)
     }
 
-    /// Lines and line time as a rig's registers have them from the next frame on.
+    /// Sets lines and line time to those of a rig's registers, from the next frame on.
     pub fn set(&mut self, lines: u16, line_ns: u32) {
         self.timing.line_time_us = 1e-3 * f64::from(line_ns);
         self.timing.frame_length_lines = lines.into();
@@ -128,7 +126,7 @@ impl Times {
         self.clock.set(self.timing);
     }
 
-    /// Line time, ns, and frame length as a rig's registers take them.
+    /// Line time, ns, and frame length for a rig's registers.
     pub fn registers(&self) -> (u32, u32) {
         let SensorTiming { line_time_us, frame_length_lines, .. } = self.timing;
         let lines = self.period_s.map(|period_s| 1e6 * period_s / line_time_us);
@@ -141,8 +139,8 @@ impl Times {
         self.period_s.unwrap_or_else(|| self.timing.period_s(exposure_s))
     }
 
-    /// What falls on rows in the light of the lamps, and on `parts` in that of their regions'
-    /// lamps; nothing where it is steady.
+    /// Irradiance of rows in the light of the lamps, with `parts` for the lamps of regions; `None` if
+    /// the light is steady.
     pub fn lit(
         &self,
         cube: &IrradianceCube,
@@ -152,7 +150,7 @@ impl Times {
         lamp_rows(cube, parts, windows, &self.lamps)
     }
 
-    /// Figures for programs, of frames of that exposure.
+    /// Figures for `--json`, of frames with that exposure.
     pub fn figures(&self, exposure_s: f64) -> Value {
         json!({
             "line_time_us": self.timing.line_time_us,

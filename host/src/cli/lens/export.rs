@@ -1,4 +1,4 @@
-//! `camrig lens macro`: the script that makes a lens-design program export a lens.
+//! `camrig lens macro`: prints the script with which a lens-design program exports a lens.
 
 use super::Wavelengths;
 use crate::cli::arguments;
@@ -12,10 +12,10 @@ use clap::builder::TypedValueParser;
     camrig lens macro opticstudio --max-field 20 > export.py\n  \
     camrig lens macro codev --max-field 20 --wavelengths 400:50:700 --heights 11 > export.seq")]
 pub(super) struct MacroArgs {
-    /// The program that has the lens
+    /// Lens-design program
     #[arg(value_parser = design_program())]
     program: DesignProgram,
-    /// A macro in ZPL instead of a Python script for the ZOS-API (OpticStudio)
+    /// OpticStudio: a ZPL macro instead of a Python script for the ZOS-API
     #[arg(long)]
     zpl: bool,
     /// Largest field, degrees: angle of the chief ray at the entrance pupil
@@ -36,7 +36,7 @@ pub(super) struct MacroArgs {
     /// PSF samples per side: 32, 64, 128, 256, 512 or 1024
     #[arg(long, default_value_t = 128, value_name = "N")]
     psf_size: u16,
-    /// Distance of PSF samples, µm
+    /// Spacing of PSF samples, µm
     #[arg(
         long,
         default_value_t = 0.5,
@@ -89,7 +89,7 @@ pub(super) fn print(args: &MacroArgs) -> Result<()> {
         (DesignProgram::CodeV, false) => Program::CodeV,
         (DesignProgram::CodeV, true) => {
             return Err(Error::input("CODE V has no ZPL")
-                .help("leave --zpl out: the macro is in CODE V's own language"));
+                .help("omit --zpl: the macro is in CODE V's own language"));
         }
     };
     let export = Export {

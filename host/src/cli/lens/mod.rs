@@ -1,4 +1,4 @@
-//! `camrig lens`: characterise lenses from prescriptions or exported files, look at them.
+//! `camrig lens`: characterises lenses from prescriptions or exported files, shows their figures.
 
 mod export;
 mod show;
@@ -50,7 +50,7 @@ enum Command {
 struct TraceArgs {
     #[command(flatten)]
     lens: LensArgs,
-    /// Fields, degrees, or X:Y off the y axis; the file's own unless given
+    /// Fields, degrees, or X:Y off the y axis [default: those of the file]
     #[arg(
         long,
         value_name = "DEG,...",
@@ -59,7 +59,7 @@ struct TraceArgs {
         value_parser = field_angles
     )]
     fields: Option<Vec<[f64; 2]>>,
-    /// Wavelengths, nm, or first:step:last; the file's own unless given (400:10:700 with -o)
+    /// Wavelengths, nm, or first:step:last [default: those of the file; 400:10:700 with -o]
     #[arg(long, value_name = "NM,...", value_delimiter = ',', value_parser = wavelengths)]
     wavelengths: Option<Vec<Wavelengths>>,
     /// Print one JSON object on standard output
@@ -68,8 +68,8 @@ struct TraceArgs {
     /// Write a characterisation into this directory
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Image heights of the characterisation, before more are added between; a lens that is not
-    /// rotationally symmetric has a grid of places instead
+    /// Initial number of image heights of the characterisation; a lens without rotational symmetry
+    /// has a grid of places instead
     #[arg(
         long,
         default_value_t = 21,
@@ -77,7 +77,7 @@ struct TraceArgs {
         value_parser = clap::value_parser!(u16).range(2..=512)
     )]
     heights: u16,
-    /// Largest field of the characterisation, degrees; the file's own unless given
+    /// Largest field of the characterisation, degrees [default: that of the file]
     #[arg(long, value_name = "DEG", value_parser = arguments::positive)]
     max_field: Option<f64>,
     /// PSF samples per side
@@ -88,14 +88,14 @@ struct TraceArgs {
         value_parser = clap::value_parser!(u16).range(8..=512)
     )]
     psf_size: u16,
-    /// Distance of PSF samples, µm; chosen to fit the spots unless given
+    /// Spacing of PSF samples, µm [default: chosen to fit the spots]
     #[arg(long, value_name = "UM", value_parser = arguments::positive)]
     psf_spacing: Option<f64>,
-    /// How PSFs are made
+    /// How PSFs are computed
     #[arg(long, value_parser = psf_method(), default_value_t)]
     psf: PsfMethod,
-    /// Add heights until PSFs blended halfway between two misplace, in the mean over the field, no
-    /// more than this part of their light
+    /// Add heights until PSFs interpolated halfway between two heights misplace at most this
+    /// fraction of their light, on average over the field
     #[arg(
         long,
         default_value_t = Options::default().misplaced_light,
@@ -103,7 +103,7 @@ struct TraceArgs {
         value_parser = arguments::positive
     )]
     psf_tolerance: f64,
-    /// Side of the pixels for which that is asked, µm
+    /// Pixel pitch for that tolerance, µm
     #[arg(long, default_value_t = 1.4, value_name = "UM", value_parser = arguments::positive)]
     pixel: f64,
     /// Replace an existing characterisation
@@ -111,12 +111,12 @@ struct TraceArgs {
     force: bool,
 }
 
-/// A prescription and how it is used.
+/// A prescription and the settings of its use.
 #[derive(clap::Args, Debug)]
 struct LensArgs {
     /// Lens prescription: .zmx, .seq or .toml
     file: PathBuf,
-    /// Object distance in front of the first surface, mm, or inf; the file's own unless given
+    /// Object distance in front of the first surface, mm, or inf [default: that of the file]
     #[arg(long, value_name = "MM")]
     object_distance: Option<f64>,
     /// Focus at this distance by moving the sensor, mm, or inf
@@ -128,19 +128,19 @@ struct LensArgs {
     /// Move the sensor away from the lens by this much, mm
     #[arg(long, default_value_t = 0.0, value_name = "MM", allow_negative_numbers = true)]
     sensor_shift: f64,
-    /// Radius of the stop, mm; from the file's aperture unless given
+    /// Radius of the stop, mm [default: from the file's aperture]
     #[arg(long, value_name = "MM", value_parser = arguments::positive)]
     stop_radius: Option<f64>,
-    /// Wavelength of paraxial figures and of the stop's radius, nm; the file's own unless given
+    /// Wavelength of paraxial figures and of the stop's radius, nm [default: that of the file]
     #[arg(long, value_name = "NM", value_parser = arguments::positive)]
     reference: Option<f64>,
-    /// Configuration of a file with several, by number or title; the active one unless given
+    /// Configuration of a file with several, by number or title [default: the active one]
     #[arg(long, value_name = "NAME")]
     configuration: Option<String>,
-    /// A glass catalogue (.agf) or a folder of them; may be repeated
+    /// Glass catalogue (.agf) or a folder of them; repeatable
     #[arg(long, value_name = "PATH")]
     glass_catalogue: Vec<PathBuf>,
-    /// A glass the program does not know, as NAME=n_d:V_d; may be repeated
+    /// Unknown glass, as NAME=n_d:V_d; repeatable
     #[arg(long, value_name = "NAME=ND:VD", value_parser = glass)]
     glass: Vec<(String, Glass)>,
 }
@@ -167,7 +167,7 @@ impl LensArgs {
         }
     }
 
-    /// Refuses what is said of the use of a prescription, where the lens is a directory of tables.
+    /// Refuses the settings of a prescription if the lens is a directory of tables.
     fn check_tables(&self) -> Result<()> {
         let given = [
             ("--object-distance", self.object_distance.is_some()),
@@ -184,7 +184,7 @@ impl LensArgs {
             None => Ok(()),
             Some((flag, _)) => Err(Error::input(format!("{flag} for a lens directory"))
                 .at(self.file.display())
-                .help("its tables are of the lens as it was traced; give its prescription")),
+                .help("its tables are fixed once traced; give the prescription instead")),
         }
     }
 
@@ -199,7 +199,7 @@ impl LensArgs {
 
 fn psf_method() -> impl TypedValueParser<Value = PsfMethod> {
     arguments::choice(&PsfMethod::ALL, PsfMethod::name, |method| match method {
-        PsfMethod::Auto => "Diffraction; geometry where the wavefront is too strong for it",
+        PsfMethod::Auto => "Diffraction; geometric where the wavefront error is too large for it",
         PsfMethod::Diffraction => "Sum of plane waves",
         PsfMethod::Geometric => "Ray positions",
     })
@@ -219,16 +219,15 @@ fn field_angles(text: &str) -> Result<[f64; 2], String> {
         .ok_or_else(|| format!("{text:?}: give an angle in degrees, or two as x:y"))
 }
 
-/// A field of a rotationally symmetric lens: on y with its sign, elsewhere its distance from the
+/// A field of a rotationally symmetric lens: on y with its sign, elsewhere the distance from the
 /// axis.
 fn radial(&[x, y]: &[f64; 2]) -> f64 {
     if x == 0.0 { y } else { FieldKind::Angle.off_axis(x, y) }
 }
 
-/// Most steps of a range of wavelengths: 0.3 nm over the visible.
+/// Maximum number of steps of a wavelength range: 0.3 nm over the visible.
 const MAX_STEPS: f64 = 1000.0;
-/// Part of a step by which the end of a range may be missed through rounding and still belongs to
-/// it.
+/// Fraction of a step by which rounding may miss the end of a range.
 const STEP_ROUNDING: f64 = 1e-9;
 /// Image heights and PSF samples per side of the drawings: enough for curves without corners.
 const DRAWN_HEIGHTS: usize = 11;
@@ -252,7 +251,7 @@ fn wavelengths(text: &str) -> Result<Wavelengths, String> {
     }
 }
 
-/// All wavelengths of a list, each once, rising.
+/// All wavelengths of a list, each once, ascending.
 fn rising(list: &[Wavelengths]) -> Vec<f64> {
     let mut all: Vec<f64> = list.iter().flat_map(|w| w.0.iter().copied()).collect();
     all.sort_by(f64::total_cmp);
@@ -260,14 +259,14 @@ fn rising(list: &[Wavelengths]) -> Vec<f64> {
     all
 }
 
-/// Paraxial figures and surfaces of a prescription, or what a characterisation holds
+/// Show paraxial figures and surfaces of a prescription, or the contents of a characterisation
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig lens info triplet.zmx\n  \
     camrig lens info zoom.seq --surfaces\n  camrig lens info phone-lens --json")]
 struct InfoArgs {
     #[command(flatten)]
     lens: LensArgs,
-    /// List the surfaces of a prescription, also where they do not fit on the screen
+    /// List the surfaces of a prescription even if they do not fit on the screen
     #[arg(long, conflicts_with = "json")]
     surfaces: bool,
     /// Print one JSON object on standard output
@@ -275,7 +274,7 @@ struct InfoArgs {
     json: bool,
 }
 
-/// Import what another lens program exported: an ISETCam ray-trace set, or a manifest of files
+/// Import the export of another lens program: an ISETCam ray-trace set, or a manifest of files
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig lens import exports/ISETPARMS.TXT -o my-lens\n  \
@@ -297,8 +296,8 @@ struct ImportArgs {
     force: bool,
 }
 
-/// Draw distortion, lateral colour, illumination, chief-ray angle, MTF, PSFs and (of a
-/// prescription) spots as SVG files, and a page with all of it
+/// Draw distortion, lateral colour, illumination, chief-ray angle, MTF, PSFs and (from a
+/// prescription) spots as SVG files, and an HTML page with all of them
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig lens plot triplet.zmx -o plots\n  \
@@ -309,10 +308,10 @@ struct PlotArgs {
     /// Write the drawings into this directory
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Largest field, degrees; the file's own unless given
+    /// Largest field, degrees [default: that of the file]
     #[arg(long, value_name = "DEG", value_parser = arguments::positive)]
     max_field: Option<f64>,
-    /// Side of the pixels that the lens is for, µm: for Nyquist, and lateral colour in pixels
+    /// Pixel pitch of the sensor, µm: adds Nyquist, and lateral colour in pixels
     #[arg(long, value_name = "UM", value_parser = arguments::positive)]
     pixel: Option<f64>,
     /// Replace an existing directory of drawings
@@ -440,13 +439,13 @@ fn plot(args: &PlotArgs) -> Result<()> {
     Ok(())
 }
 
-/// The largest field: what a person gave, or the file's own.
+/// The largest field: the option's, or the file's.
 fn max_field(system: &System, given: Option<f64>) -> Result<f64> {
     let own = system.fields_deg()?.into_iter().fold(0.0, f64::max);
     match given.unwrap_or(own) {
         deg if deg > 0.0 => Ok(deg),
-        _ => Err(Error::input("the file has no field off the axis")
-            .help("say how far out the lens is used: --max-field DEG")),
+        _ => Err(Error::input("the file has no off-axis field")
+            .help("give the largest field in use: --max-field DEG")),
     }
 }
 
@@ -503,7 +502,7 @@ fn write_plane(
     };
     if !(max_field_deg > 0.0 && max_field_deg < 90.0) {
         return Err(Error::input(format!("a largest field of {max_field_deg}°"))
-            .help("say how far out the lens is used, below 90 degrees: --max-field DEG"));
+            .help("give the largest field in use, below 90 degrees: --max-field DEG"));
     }
     let plan = PlanePlan {
         frame_mm: field::Map::of(system)?.square_frame_mm(max_field_deg),
@@ -523,21 +522,21 @@ fn write_plane(
 }
 
 impl TraceArgs {
-    /// The source of what was traced: its file, and what traced it.
+    /// The source of a characterisation: its file, and the program that traced it.
     fn traced_from(&self, tracer: &str) -> String {
         let file = self.lens.file.file_name().unwrap_or_default().to_string_lossy();
         format!("{file}, {tracer}")
     }
 
-    /// Warns where blends of PSFs are worse than was asked for. `misplace` says what is, after as
-    /// many PSFs as are tried, and `remedy` what to do.
+    /// Warns if interpolated PSFs miss the tolerance with the maximum number of PSFs. `misplace`
+    /// begins the message, `remedy` is its advice.
     fn warn_between(&self, between: Option<Between>, (misplace, remedy): (&str, &str)) {
         let Some(between) = between.filter(|b| b.misplaced_mean > self.psf_tolerance) else {
             return;
         };
         eprintln!(
-            "warning: PSFs change so fast over the field that {misplace} {:.2} % of the light in \
-             the mean, more than the {:.2} % of --psf-tolerance; {remedy}",
+            "warning: PSFs change so fast over the field that {misplace} {:.2} % of the light on \
+             average, more than the {:.2} % of --psf-tolerance; {remedy}",
             100.0 * between.misplaced_mean,
             100.0 * self.psf_tolerance
         );

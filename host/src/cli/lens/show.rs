@@ -1,4 +1,4 @@
-//! What `camrig lens` tells about a lens.
+//! What `camrig lens` prints about a lens.
 
 use super::InfoArgs;
 use crate::cli::screen;
@@ -47,11 +47,11 @@ pub(super) fn plane_summary(lens: &PlaneCharacterisation) -> String {
     )
 }
 
-/// How far blends between tabulated PSFs are from the truth, where it is known.
+/// Error of interpolating between tabulated PSFs, if it is known.
 fn blending(between: Option<Between>, stations: &str) -> String {
     between.map_or_else(String::new, |b| {
         format!(
-            ", blending between {stations} misplaces {:.2} % of it (mean; {:.2} % at worst) on \
+            ", interpolation between {stations} misplaces {:.2} % of it (mean; {:.2} % at worst) on \
              pixels of {} µm",
             100.0 * b.misplaced_mean,
             100.0 * b.misplaced_largest,
@@ -106,7 +106,7 @@ fn sensor_distance_mm(system: &System) -> f64 {
     system.prescription.surfaces.last().map_or(0.0, |s| s.thickness)
 }
 
-/// Of which plane the figures are.
+/// The plane that the figures refer to.
 fn planes(system: &System) -> String {
     let (sensor, image) = (sensor_distance_mm(system), system.paraxial.image_distance_mm);
     let ideal = match system.prescription.object {
@@ -114,9 +114,9 @@ fn planes(system: &System) -> String {
         Object::Distance(_) => "|m|·object height",
     };
     format!(
-        "heights, CRA, spots and PSFs are of the sensor, {sensor:.6} mm behind the last surface; \
-         the paraxial image lies at {image:.6} mm\n\
-         distortion is against {ideal} of the paraxial image: where the sensor is elsewhere, it \
+        "heights, CRA, spots and PSFs are at the sensor, {sensor:.6} mm behind the last surface; \
+         the paraxial image is at {image:.6} mm\n\
+         distortion is relative to {ideal} of the paraxial image: if the sensor is elsewhere, it \
          does not tend to 0 on the axis"
     )
 }
@@ -140,7 +140,7 @@ pub(super) fn place_json(p: &field::Point, map: &field::Map) -> Value {
     })
 }
 
-/// The linear map of the middle of the field.
+/// The linear map at the centre of the field.
 pub(super) fn map_json(map: &field::Map) -> Value {
     json!({
         "middle_mm": map.middle_mm,
@@ -241,7 +241,7 @@ pub(super) fn print_points(system: &System, points: &[FieldPoint]) {
     }
 }
 
-/// Figures and surfaces of a prescription: what was understood, assumed and ignored.
+/// Figures and surfaces of a prescription, and what was assumed and ignored.
 pub(super) fn info(args: &InfoArgs) -> Result<()> {
     let system = args.lens.setup().system()?;
     let lens = &system.prescription;
@@ -370,7 +370,7 @@ fn surface_lines(lens: &Prescription) -> Vec<String> {
     lines
 }
 
-/// What a characterisation holds.
+/// The contents of a characterisation.
 pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
     let lens = match LensTables::read(&args.lens.file)? {
         LensTables::Heights(lens) => lens,
@@ -416,9 +416,8 @@ pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
             "projected solid angle of the pupil on the axis {:.6} sr, {}",
             lens.projected_solid_angle_sr(),
             match lens.axis_solid_angle_sr {
-                Some(_) => "of real rays",
-                None =>
-                    "of a cone by the f-number, π/(1 + 4 N²): real lenses differ by some per cent",
+                Some(_) => "from real rays",
+                None => "from the f-number, π/(1 + 4 N²): real lenses differ by some per cent",
             }
         ),
         format!(
@@ -433,7 +432,7 @@ pub(super) fn info_of_directory(args: &InfoArgs) -> Result<()> {
     Ok(())
 }
 
-/// What a characterisation over the plane of the image holds.
+/// The contents of a characterisation over the image plane.
 fn info_of_plane(lens: &PlaneCharacterisation, as_json: bool) {
     if as_json {
         let object = json!({
@@ -467,11 +466,11 @@ fn info_of_plane(lens: &PlaneCharacterisation, as_json: bool) {
     ]);
 }
 
-/// What a lens of tables does not hold.
-const BEYOND: &str = "assumed: beyond the tables distortion goes on along its last slope, and \
-                      relative illumination, PSFs and all other wavelengths are those of the end; \
-                      a picture of a sensor that reaches so far says it. Its focus is fixed: there \
-                      is no wavefront";
+/// What is assumed beyond a lens's tables.
+const BEYOND: &str = "assumed: beyond the tables distortion continues along its last slope; \
+                      relative illumination, PSFs and other wavelengths keep their last values; \
+                      a note says so if a sensor reaches that far. The focus is fixed: there is no \
+                      wavefront";
 
 fn samples(curve: &Spectrum) -> Vec<(f64, f64)> {
     curve.samples().collect()

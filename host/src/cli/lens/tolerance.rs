@@ -1,4 +1,4 @@
-//! `camrig lens tolerance`: what making errors cost.
+//! `camrig lens tolerance`: the effect of manufacturing errors.
 
 use super::LensArgs;
 use crate::cli::arguments;
@@ -8,8 +8,8 @@ use camrig_lens::prescription::{Medium, Surface};
 use camrig_lens::tolerance::{self, Contrast, PERCENTILES, Plan, Report, Spread, Tolerances};
 use serde_json::{Value, json};
 
-/// MTF of many lenses that depart from a prescription within tolerances, and which departure costs
-/// most
+/// Show the MTF of many lenses that depart from a prescription within tolerances, and which
+/// departure costs most
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig lens tolerance triplet.zmx --lenses 100 --decentre 0.02 --tilt 1.5 --json\n  \
@@ -17,16 +17,16 @@ use serde_json::{Value, json};
 pub(super) struct ToleranceArgs {
     #[command(flatten)]
     lens: LensArgs,
-    /// Fields, degrees; the file's own unless given
+    /// Fields, degrees [default: those of the file]
     #[arg(long, value_name = "DEG,...", value_delimiter = ',')]
     fields: Option<Vec<f64>>,
     /// Number of lenses
     #[arg(long, default_value_t = 200, value_name = "N")]
     lenses: u32,
-    /// Seed of their departures
+    /// Seed of the random departures
     #[arg(long, default_value_t = 1, value_name = "K")]
     seed: u64,
-    /// Tolerance of glass thicknesses and air spaces, ± mm; 0 leaves a kind of departure out
+    /// Tolerance of glass thicknesses and air spaces, ± mm; 0 disables a kind of departure
     #[arg(long, default_value_t = 0.02, value_name = "MM")]
     thickness: f64,
     /// Tolerance of the index of each glass, ±
@@ -35,16 +35,16 @@ pub(super) struct ToleranceArgs {
     /// Tolerance of each radius of curvature, ± percent
     #[arg(long, default_value_t = 0.1, value_name = "PERCENT")]
     radius: f64,
-    /// Tolerance of each element across the axis, mm
+    /// Tolerance of each element's decentre, mm
     #[arg(long, default_value_t = 0.01, value_name = "MM")]
     decentre: f64,
     /// Tolerance of each element's tilt, arc minutes
     #[arg(long, default_value_t = 1.0, value_name = "ARCMIN")]
     tilt: f64,
-    /// Focus each lens again: its sensor follows the paraxial image
+    /// Refocus each lens: its sensor follows the paraxial image
     #[arg(long)]
     refocus: bool,
-    /// Frequency of the MTF figures, cycles per mm; the mean MTF50 of the prescription unless given
+    /// Frequency of the MTF figures, cycles/mm [default: the mean MTF50 of the prescription]
     #[arg(long, value_name = "PER_MM", value_parser = arguments::positive)]
     frequency: Option<f64>,
     /// Print one JSON object on standard output
@@ -52,7 +52,7 @@ pub(super) struct ToleranceArgs {
     json: bool,
 }
 
-/// Departures of the table, the dearest first; `--json` has all.
+/// Departures listed, the costliest first; `--json` has all.
 const LISTED: usize = 12;
 
 pub(super) fn run(args: &ToleranceArgs) -> Result<()> {
@@ -64,7 +64,7 @@ pub(super) fn run(args: &ToleranceArgs) -> Result<()> {
     if system.prescription.surfaces.windows(2).any(passed_twice) {
         eprintln!(
             "note: light passes the glass in front of a mirror twice: radii, spaces and indices \
-             depart in each pass by themselves, where they are one piece of glass"
+             vary independently in the two passes, though it is one piece of glass"
         );
     }
     let fields_deg = match &args.fields {
@@ -139,9 +139,9 @@ fn object(plan: &Plan, report: &Report) -> Value {
 }
 
 fn print(plan: &Plan, report: &Report) {
-    let focus = if plan.refocus { ", each focused again" } else { "" };
+    let focus = if plan.refocus { ", each refocused" } else { "" };
     let lenses = counted(plan.lenses, "lens");
-    println!("{lenses}{focus}; MTF50 in cycles/mm, T radial, S across");
+    println!("{lenses}{focus}; MTF50 in cycles/mm, T tangential, S sagittal");
     let head: String = PERCENTILES.iter().map(|p| format!("{:>9}", format!("{p} %"))).collect();
     println!("{:>9}   {:>9}{head}", "field deg", "nominal");
     for field in &report.fields {
@@ -152,7 +152,7 @@ fn print(plan: &Plan, report: &Report) {
         }
     }
     println!(
-        "what one departure alone costs of the MTF at {:.2} cycles/mm, mean over the fields:",
+        "loss of MTF at {:.2} cycles/mm by one departure alone, mean over the fields:",
         report.frequency_per_mm
     );
     for s in report.sensitivities.iter().take(LISTED) {
@@ -162,6 +162,6 @@ fn print(plan: &Plan, report: &Report) {
     }
     let more = report.sensitivities.len().saturating_sub(LISTED);
     if more > 0 {
-        println!("           and {more} that cost less (--json)");
+        println!("           and {more} with a smaller loss (--json)");
     }
 }
