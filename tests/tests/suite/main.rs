@@ -12,6 +12,7 @@ mod control;
 mod diagnosis;
 mod empirical;
 mod examples;
+mod file_circles;
 mod full_disk;
 mod glass_catalogues;
 mod guide;
