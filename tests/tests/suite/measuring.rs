@@ -317,25 +317,6 @@ fn captures_at_several_gains_are_measured_gain_by_gain() {
     assert!((emva["overall_system_gain"].as_f64().unwrap() / k(0) - 1.0).abs() < 0.05);
 }
 
-/// The pages in docs/datasheets are those that the command makes.
-#[test]
-fn data_sheets_of_the_presets_are_up_to_date() {
-    let dir = tempfile::tempdir().unwrap();
-    camrig_ok(dir.path(), "datasheet -o sheets");
-    camrig_ok(dir.path(), "datasheet imx219 imx250 imx477 -o sheets --force");
-    let kept = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/datasheets"));
-    for entry in std::fs::read_dir(dir.path().join("sheets")).unwrap() {
-        let name = entry.unwrap().file_name();
-        let made = std::fs::read_to_string(dir.path().join("sheets").join(&name)).unwrap();
-        let page = std::fs::read_to_string(kept.join(&name)).unwrap_or_default();
-        assert!(
-            made == page,
-            "{name:?} has changed: camrig datasheet -o docs/datasheets --force (or with the names), \
-             and say why in CHANGELOG.md"
-        );
-    }
-}
-
 #[test]
 fn an_emva_page_is_written_whole_or_not_at_all() {
     let dir = folder(96, 64, &[]);

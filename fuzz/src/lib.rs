@@ -1,0 +1,11 @@
+//! What is fuzzed: the decoders of both ends of the link, streams of scenes, readers of files.
+//!
+//! `fuzz_targets` hands these functions to libFuzzer (`ci/fuzz`); `tests/seeds.rs` calls them with
+//! the seeds and with a fixed number of changes of each.
+
+pub mod device;
+pub mod files;
+pub mod frames;
+pub mod host;
+pub mod memory;
+pub mod video;
