@@ -437,7 +437,7 @@ fn simulate_reports_the_error_of_interpolated_psfs() {
 fn a_program_built_without_graphics_processors_says_so() {
     let dir = folder();
     let simulate = "simulate --camera mobile --scene uniform:0.5 --exposure 5ms -o a.npy --device";
-    let wanted = ["device gpu", "--features gpu", "--device cpu"];
+    let wanted = ["device gpu", "--device cpu"];
     refuses(dir.path(), &format!("{simulate} gpu"), &wanted);
     refuses(dir.path(), &format!("{simulate} tpu"), &["cpu", "gpu", "auto"]);
 }
