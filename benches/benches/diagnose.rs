@@ -70,7 +70,8 @@ fn main() {
     read_all(&set);
     let reading = Time::of(|| read_all(&set));
     let captures = CaptureSet::load(&set).expect("the set loads");
-    let cleaned = Cleaned::new(captures.clone(), &|_| ()).expect("the set is looked at");
+    let cleaned =
+        Cleaned::new(captures.clone(), &Default::default()).expect("the set is looked at");
     let counts: Vec<usize> =
         captures.captures.iter().map(|c| captures.count(c).expect("frames")).collect();
     let halves = || design::divide(&model, &captures, &counts).expect("halves");
@@ -81,7 +82,8 @@ fn main() {
     let mut names = Vec::new();
     let mut word = "";
     let measuring = Time::of(|| {
-        let cleaned = Cleaned::new(captures.clone(), &|_| ()).expect("the set is looked at");
+        let cleaned =
+            Cleaned::new(captures.clone(), &Default::default()).expect("the set is looked at");
         drop(Session::open(&model, &cleaned, halves(), &|_| ()).expect("the set is measured"));
     });
     let whole = Time::of(|| {

@@ -24,7 +24,7 @@ fn main() -> Result<()> {
 
     // Half of the frames are fitted, the others are held out and only judge.
     let set = CaptureSet::load(&captures)?;
-    let cleaned = Cleaned::new(set, &|_| ())?;
+    let cleaned = Cleaned::new(set, &Default::default())?;
     let set = cleaned.set();
     let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
     let halves = design::divide(&model, set, &counts)?;

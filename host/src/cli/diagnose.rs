@@ -8,7 +8,7 @@ use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_capture::plan;
 use camrig_captures::{CaptureSet, Role};
-use camrig_clean::{Cleaned, Finding};
+use camrig_clean::{self as clean, Cleaned, Finding};
 use camrig_diagnose::Session;
 use camrig_diagnose::data::codes;
 use camrig_diagnose::data::design::{self, Halves};
@@ -77,7 +77,8 @@ pub(super) fn open(
     notes.tell_tables(&camera, lit.chain([Bands::VISIBLE]));
     let of_tables = notes.all().to_vec();
     let bar = looking(&set)?;
-    let cleaned = Cleaned::new(set, &|n| bar.inc(n as u64))?;
+    let cleaned =
+        Cleaned::new(set, &clean::Options::default().with_progress(&|n| bar.inc(n as u64)))?;
     bar.finish_and_clear();
     let (camera, set) = (codes::camera_of(&camera, &cleaned), cleaned.set());
     let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;

@@ -14,8 +14,9 @@ pub fn ln_upper(z: f64) -> f64 {
     -0.5 * z * z - libm::log(z) - HALF_LN_TWO_PI + libm::log1p(u * (-1.0 + u * (3.0 - 15.0 * u)))
 }
 
-/// The z with ln P(Z > z) = `ln_p`.
-pub fn deviate(ln_p: f64) -> f64 {
+/// The quantile of the standard normal distribution at an upper tail, given by its logarithm: the z
+/// with ln P(Z > z) = `ln_p`.
+pub fn normal_quantile(ln_p: f64) -> f64 {
     let (mut low, mut high) = (-12.0, 1e6);
     // Halving a range of 1e6 to below the rounding of a double at 10.
     for _ in 0..72 {
@@ -63,7 +64,7 @@ pub fn student(z: f64, dof: f64) -> f64 {
 pub fn largest(z: f64, count: usize) -> f64 {
     let ln_expected = libm::log(count.max(1) as f64) + ln_upper(z);
     // P(any) = 1 − exp(−expected).
-    deviate(if ln_expected < -30.0 {
+    normal_quantile(if ln_expected < -30.0 {
         ln_expected
     } else {
         libm::log(-libm::expm1(-libm::exp(ln_expected)))
@@ -106,14 +107,14 @@ pub fn count(seen: f64, total: f64, runs: f64) -> f64 {
         k += 1.0;
     }
     if above < 0.5 {
-        deviate(libm::log(above.max(1e-290)))
+        normal_quantile(libm::log(above.max(1e-290)))
     } else {
-        -deviate(libm::log((below + 0.5 * here).clamp(1e-290, 0.5)))
+        -normal_quantile(libm::log((below + 0.5 * here).clamp(1e-290, 0.5)))
     }
 }
 
 /// P(|T| > |t|) of Student's t with `dof` degrees of freedom.
-pub fn student_both(t: f64, dof: f64) -> f64 {
+pub fn student_two_sided(t: f64, dof: f64) -> f64 {
     incomplete_beta(dof / 2.0, 0.5, dof / (dof + t * t))
 }
 
@@ -123,7 +124,7 @@ pub fn fisher_upper(f: f64, a: f64, b: f64) -> f64 {
 }
 
 /// P(N ≥ n) of a Poisson law with this mean.
-pub fn poisson_least(n: usize, mean: f64) -> f64 {
+pub fn poisson_at_least(n: usize, mean: f64) -> f64 {
     let mut term = libm::exp(-mean);
     let mut below = 0.0;
     for k in 0..n {
@@ -134,7 +135,7 @@ pub fn poisson_least(n: usize, mean: f64) -> f64 {
 }
 
 /// P(N ≤ n) of a binomial law of `trials` with the probability `p`, 0 < p < 1.
-pub fn binomial_most(n: usize, trials: usize, p: f64) -> f64 {
+pub fn binomial_at_most(n: usize, trials: usize, p: f64) -> f64 {
     let choose = |k: f64| {
         let t = trials as f64;
         libm::lgamma(t + 1.0) - libm::lgamma(k + 1.0) - libm::lgamma(t - k + 1.0)
@@ -183,12 +184,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn deviates_invert_tails() {
+    fn quantiles_invert_tails() {
         // Tail probabilities of the normal law (Abramowitz & Stegun, table 26.1).
         assert!((ln_upper(1.959_963_985).exp() - 0.025).abs() < 1e-9);
         assert!((ln_upper(5.0).exp() / 2.866_515_7e-7 - 1.0).abs() < 1e-6);
         for z in [-3.0, 0.0, 2.0, 9.99, 10.01, 50.0, 3000.0] {
-            assert!((deviate(ln_upper(z)) - z).abs() < 1e-6 * (1.0 + z.abs()), "{z}");
+            assert!((normal_quantile(ln_upper(z)) - z).abs() < 1e-6 * (1.0 + z.abs()), "{z}");
         }
     }
 
@@ -220,7 +221,7 @@ mod tests {
     fn largest_of_one_is_itself() {
         assert!((largest(2.0, 1) - 2.0).abs() < 0.1);
         // The median of the largest of 1000 is where a single one has 1 − 2^(−1/1000).
-        let median = deviate((1.0f64 - 0.5f64.powf(1e-3)).ln());
+        let median = normal_quantile((1.0f64 - 0.5f64.powf(1e-3)).ln());
         assert!(largest(median, 1000).abs() < 1e-3);
     }
 
@@ -235,13 +236,13 @@ mod tests {
     #[test]
     fn tails_are_those_of_the_tables() {
         // Abramowitz & Stegun, tables 26.1, 26.9 and 26.10.
-        assert!((deviate(0.025_f64.ln()) - 1.959_963_985).abs() < 1e-8);
-        assert!((student_both(4.604, 4.0) - 0.01).abs() < 1e-5);
-        assert!((student_both(636.619, 1.0) - 0.001).abs() < 1e-7);
+        assert!((normal_quantile(0.025_f64.ln()) - 1.959_963_985).abs() < 1e-8);
+        assert!((student_two_sided(4.604, 4.0) - 0.01).abs() < 1e-5);
+        assert!((student_two_sided(636.619, 1.0) - 0.001).abs() < 1e-7);
         assert!((fisher_upper(5.41, 3.0, 5.0) - 0.05).abs() < 1e-4);
         assert!((fisher_upper(16.26, 5.0, 5.0) - 0.0041).abs() < 1e-3);
-        assert!((poisson_least(3, 1.0) - 0.080_301).abs() < 1e-6);
-        assert!((binomial_most(1, 10, 0.5) - 11.0 / 1024.0).abs() < 1e-12);
+        assert!((poisson_at_least(3, 1.0) - 0.080_301).abs() < 1e-6);
+        assert!((binomial_at_most(1, 10, 0.5) - 11.0 / 1024.0).abs() < 1e-12);
         assert!((median_of_squares(4.0) - 3.357 / 4.0).abs() < 4e-3);
     }
 }

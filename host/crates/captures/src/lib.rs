@@ -55,6 +55,8 @@ mod frames;
 mod headers;
 pub mod manifest;
 
+pub use camrig_base as base;
+pub use camrig_formats as formats;
 pub use frames::{Batches, StoredFrame, open, open_with_facts};
 
 use camrig_base::Cfa;

@@ -1,81 +1,76 @@
-//! A capture set without what was found in it.
+//! A capture set whose frames show the steady behaviour of its sensor, with what was found.
 
 use super::codes::Step;
-use super::curves::Curve;
+use super::corrections::Corrections;
+use super::curves::FrameCurve;
 use super::finding::{Done, Finding, Kind};
 use super::inspect::inspect;
 use camrig_base::{Error, Plane, Result};
 use camrig_captures::CaptureSet;
-use std::collections::BTreeMap;
+use std::fmt;
 
-/// A capture set, what was found in it, and its frames without that.
+/// A capture set with its findings; its frames are corrected as they are read.
 pub struct Cleaned {
     /// As it was.
     raw: CaptureSet,
-    /// With corrected labels, and its facts in steps of the codes.
+    /// With corrected labels, and bits and levels in units of the step of the codes.
     set: CaptureSet,
     pub(crate) findings: Vec<Finding>,
-    pub(crate) changes: Changes,
+    corrections: Corrections,
 }
 
-/// What is done to the frames of a set.
-#[derive(Default)]
-pub(crate) struct Changes {
-    /// By capture: samples that others stand in for, in the order of frames.
-    pub replaced: BTreeMap<usize, Vec<Replaced>>,
-    /// By capture: stated over true light × exposure.
-    pub labels: BTreeMap<usize, f64>,
-    /// A step that is taken off the codes.
-    pub step: Option<Step>,
-    /// What runs over the frames of all stacks.
-    pub curve: Option<Curve>,
+/// Options of [`Cleaned::new`] and [`Cleaned::inspect`].
+#[derive(Clone, Copy, Default)]
+#[non_exhaustive]
+pub struct Options<'a> {
+    /// Called with the number of frames just read. Each frame is read several times.
+    pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
 }
 
-/// A sample that another value stands in for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Replaced {
-    pub frame: usize,
-    pub pixel: u32,
-    pub value: u16,
+impl<'a> Options<'a> {
+    /// The same with a callback for progress.
+    #[must_use]
+    pub fn with_progress(self, progress: &'a (dyn Fn(usize) + Sync)) -> Self {
+        Self { progress: Some(progress) }
+    }
+
+    /// Reports that so many frames were read.
+    pub(crate) fn report(&self, frames: usize) {
+        if let Some(progress) = self.progress {
+            progress(frames);
+        }
+    }
+}
+
+impl fmt::Debug for Options<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Options").field("progress", &self.progress.is_some()).finish()
+    }
 }
 
 impl Cleaned {
-    /// Looks at a set and cleans it. `progress` hears how many frames were read; each is read a
-    /// few times.
+    /// Inspects a set and corrects what can be corrected.
     ///
     /// # Errors
-    /// Files that cannot be read, and sets of which nothing can be judged: copies of frames, and
-    /// samples that something scaled.
-    pub fn new(set: CaptureSet, progress: &(dyn Fn(usize) + Sync)) -> Result<Self> {
-        let cleaned = Self::look(set, progress)?;
+    /// Files that cannot be read, and sets from which nothing can be measured: copied frames,
+    /// scaled samples ([`Cleaned::refused`]).
+    pub fn new(set: CaptureSet, options: &Options<'_>) -> Result<Self> {
+        let cleaned = Self::inspect(set, options)?;
         cleaned.refused().map_or(Ok(cleaned), Err)
     }
 
-    /// Looks at a set, and cleans it of what can be cleaned. The rest is among the findings.
+    /// As [`Cleaned::new`], but sets from which nothing can be measured are accepted too, for
+    /// their findings.
     ///
     /// # Errors
     /// Files that cannot be read.
-    pub fn look(set: CaptureSet, progress: &(dyn Fn(usize) + Sync)) -> Result<Self> {
-        let (findings, changes) = inspect(&set, progress)?;
-        let mut clean = set.clone();
-        if let Some(step) = &changes.step {
-            clean.sensor = step.facts(&set.sensor);
-        }
-        for (&index, &ratio) in &changes.labels {
-            if let Some(light) = &mut clean.captures[index].light {
-                let amounts = [
-                    &mut light.irradiance_w_m2,
-                    &mut light.photons_per_pixel_per_s,
-                    &mut light.lux,
-                ];
-                amounts.into_iter().flatten().for_each(|a| *a /= ratio);
-            }
-        }
-        Ok(Self { raw: set, set: clean, findings, changes })
+    pub fn inspect(set: CaptureSet, options: &Options<'_>) -> Result<Self> {
+        let (findings, corrections) = inspect(&set, options)?;
+        Ok(Self { set: corrections.apply_to_set(&set), raw: set, findings, corrections })
     }
 
-    /// The set: labels corrected, and where a step was taken off the codes, `bits`, black and
-    /// white level in steps.
+    /// The set with corrected labels and, where samples were divided by a step, with bits, black
+    /// and white level in units of that step.
     pub fn set(&self) -> &CaptureSet {
         &self.set
     }
@@ -85,14 +80,14 @@ impl Cleaned {
         &self.findings
     }
 
-    /// The step that was taken off the codes.
+    /// The step that the samples were divided by.
     pub fn step(&self) -> Option<Step> {
-        self.changes.step
+        self.corrections.step
     }
 
-    /// What runs over the frames of all stacks, which a model has to have too.
-    pub fn curve(&self) -> Option<Curve> {
-        self.changes.curve
+    /// The curve over the frames of all stacks, which the frames keep and a model must include.
+    pub fn curve(&self) -> Option<FrameCurve> {
+        self.corrections.curve
     }
 
     /// Whether a camera processed the frames, so that their noise is not that of its sensor.
@@ -100,7 +95,7 @@ impl Cleaned {
         self.findings.iter().any(|f| f.kind == Kind::ProcessedFrames)
     }
 
-    /// Why nothing can be judged of the set, where that is so.
+    /// Why nothing can be measured from the set; `None` where it can be used.
     pub fn refused(&self) -> Option<Error> {
         let refused: Vec<&Finding> =
             self.findings.iter().filter(|f| f.done == Done::Refused).collect();
@@ -111,17 +106,17 @@ impl Cleaned {
         };
         let help = match first.kind {
             Kind::IdenticalFrames => {
-                "take frames anew, or keep one of each; copies of a frame \
-                                      (identical bytes) look like a sensor without noise"
+                "take the frames again, or keep one of each; copies of a frame (identical bytes) \
+                 look like a sensor without noise"
             }
-            _ => "undo what was done to the samples",
+            _ => "undo the scaling of the samples",
         };
-        let what = Error::input(format!("{}: {}{more}", first.kind.word(), first.description));
+        let what = Error::input(format!("{}: {}{more}", first.kind, first.description));
         Some(what.at(format!("capture {:?}", first.place)).help(help))
     }
 
-    /// Calls `each` with the frames of a capture in order of time, a few at a time, without what
-    /// was found in them. Returns their number.
+    /// Calls `each` with the corrected frames of a capture in order of time, a few at a time.
+    /// Returns their number.
     ///
     /// # Errors
     /// Those of [`CaptureSet::for_each_batch`].
@@ -130,22 +125,15 @@ impl Cleaned {
         index: usize,
         mut each: impl FnMut(&[Plane<u16>]) -> Result<()>,
     ) -> Result<usize> {
-        let replaced = self.changes.replaced.get(&index).map_or(&[][..], Vec::as_slice);
         let capture = &self.raw.captures[index];
-        if replaced.is_empty() && self.changes.step.is_none() {
+        if !self.corrections.change_frames_of(index) {
             return self.raw.for_each_batch(capture, each);
         }
         let mut first = 0;
         self.raw.for_each_batch(capture, |planes| {
             let mut planes = planes.to_vec();
             for (i, plane) in planes.iter_mut().enumerate() {
-                let start = replaced.partition_point(|r| r.frame < first + i);
-                for r in replaced[start..].iter().take_while(|r| r.frame == first + i) {
-                    plane.data[r.pixel as usize] = r.value;
-                }
-                if let Some(step) = &self.changes.step {
-                    plane.data.iter_mut().for_each(|v| *v = step.code(*v));
-                }
+                self.corrections.apply_to_frame(index, first + i, plane);
             }
             first += planes.len();
             each(&planes)

@@ -1,13 +1,15 @@
-//! Codes that are all multiples of a step, as of 10-bit samples at the top of 16-bit words.
+//! Codes that are all multiples of a step, as those of 10-bit samples left-justified in 16-bit
+//! words. The step is the greatest common divisor of the differences of the codes that occur.
 
 use super::finding::{Done, Finding, Kind};
 use super::scan::Scan;
 use camrig_captures::{CaptureSet, SensorFacts};
 
-/// Different codes from which a step is believed: eleven that are even by chance occur once in a
-/// thousand sets.
+/// Number of different codes from which a step is accepted: by chance, eleven are all even once in
+/// a thousand sets.
 const MIN_CODES: usize = 11;
-/// Share of the samples from which a step is said though some samples lie between.
+/// Share of the samples on multiples of a step from which it is reported although others lie
+/// between.
 const NEARLY_ALL: f64 = 0.999;
 
 /// The step of a set's codes.
@@ -15,25 +17,27 @@ const NEARLY_ALL: f64 = 0.999;
 pub struct Step {
     /// Distance of neighbouring codes, DN.
     pub step: u16,
-    /// The lowest code, less than a step.
+    /// The lowest code modulo the step.
     pub offset: u16,
-    /// Samples that lie between, of all.
-    pub between: (u64, u64),
+    /// Number of samples between multiples of the step.
+    pub between: u64,
+    /// Number of all samples.
+    pub samples: u64,
 }
 
 impl Step {
-    /// Bits that do not vary, where the step is a power of two and all samples lie on it.
+    /// Number of bits that never vary, where the step is a power of two and all samples lie on it.
     pub fn idle_bits(&self) -> Option<u32> {
-        let whole = self.step.is_power_of_two() && self.between.0 == 0;
+        let whole = self.step.is_power_of_two() && self.between == 0;
         whole.then(|| self.step.trailing_zeros())
     }
 
-    /// A sample in steps.
+    /// A sample in units of the step.
     pub fn code(&self, sample: u16) -> u16 {
         (sample - self.offset.min(sample)) / self.step
     }
 
-    /// The facts of the sensor in steps.
+    /// The facts of the sensor in units of the step.
     pub fn facts(&self, sensor: &SensorFacts) -> SensorFacts {
         let bits = sensor.bits.saturating_sub(self.step.ilog2()).max(1);
         let level = |dn: f64| ((dn - f64::from(self.offset)) / f64::from(self.step)).max(0.0);
@@ -58,9 +62,9 @@ pub fn step(scans: &[Scan]) -> Option<Step> {
     let differences = codes.windows(2).map(|p| p[1].0 - p[0].0);
     let step = differences.fold(0, greatest_common_divisor);
     if step > 1 {
-        return Some(Step { step, offset: codes[0].0 % step, between: (0, all) });
+        return Some(Step { step, offset: codes[0].0 % step, between: 0, samples: all });
     }
-    // A few samples between the codes, as corrected defective pixels are.
+    // A few samples between the codes may come from the correction of defective pixels.
     (1..16).rev().map(|bit| 1u16 << bit).find_map(|step| {
         let mut by_offset = vec![0u64; usize::from(step)];
         let mut used = vec![0usize; usize::from(step)];
@@ -70,13 +74,13 @@ pub fn step(scans: &[Scan]) -> Option<Step> {
         }
         let (offset, &most) = by_offset.iter().enumerate().max_by_key(|o| o.1)?;
         let enough = most as f64 > NEARLY_ALL * all as f64 && used[offset] >= MIN_CODES;
-        enough.then_some(Step { step, offset: offset as u16, between: (all - most, all) })
+        enough.then_some(Step { step, offset: offset as u16, between: all - most, samples: all })
     })
 }
 
-/// What is said of a step.
+/// The finding about a step.
 pub fn finding(set: &CaptureSet, step: &Step) -> Finding {
-    let Step { step: dn, offset, between: (between, all) } = *step;
+    let Step { step: dn, offset, between, samples: all } = *step;
     let true_bits = step.facts(&set.sensor).bits;
     let of = if offset == 0 {
         format!("multiples of {dn} DN")
@@ -86,33 +90,33 @@ pub fn finding(set: &CaptureSet, step: &Step) -> Finding {
     let rounding = f64::from(dn).powi(2) / 12.0;
     let (done, more) = match step.idle_bits() {
         Some(idle) => (
-            Done::TakenOff,
+            Done::Corrected,
             format!(
                 "all samples are {of}: {true_bits} bits, left-justified in {}; the lowest {idle} \
                  bits never vary. Rounding adds {dn}²/12 = {rounding:.4} DN², not 1/12. Samples \
-                 are divided by {dn}, and DN are those of {true_bits} bits from here on",
+                 are divided by {dn}; from here on, DN refer to {true_bits} bits",
                 set.sensor.bits
             ),
         ),
         None if between > 0 => (
-            Done::Said,
+            Done::Reported,
             format!(
-                "{:.3} % of the samples are {of}, {between} of {all} lie between: left-justified, \
-                 with samples that something computed",
+                "{:.3} % of the samples are {of}, {between} of {all} lie between: left-justified \
+                 data in which some samples were interpolated or corrected",
                 100.0 * (1.0 - between as f64 / all as f64)
             ),
         ),
         None => (
             Done::Refused,
             format!(
-                "all samples are {of}, which is no shift of bits: something scaled them. Divide \
+                "all samples are {of}, which is not a shift of bits: they were scaled. Divide \
                  them by {dn}, and set bits, black_level_dn and white_level_dn accordingly"
             ),
         ),
     };
     let mut finding = Finding::new(Kind::CodeStep, "all captures", done);
     finding.count = (all - between) as usize;
-    finding.amount(f64::from(dn), 0.0, "DN").says(more)
+    finding.with_amount(f64::from(dn), 0.0, "DN").with_description(more)
 }
 
 fn greatest_common_divisor(mut a: u16, mut b: u16) -> u16 {
@@ -134,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn the_step_is_what_all_differences_share() {
+    fn the_step_divides_all_differences() {
         let shifted = scan((20..60).map(|c| (c * 16, 5)));
         let found = step(&[shifted]).unwrap();
         assert_eq!((found.step, found.offset, found.idle_bits()), (16, 0, Some(4)));
@@ -143,7 +147,7 @@ mod tests {
             step(&[scan((3..9).map(|c| (c * 4 + 3, 1))), scan((20..30).map(|c| (c * 4 + 3, 1)))]);
         let found = found.unwrap();
         assert_eq!((found.step, found.offset, found.code(4 * 25 + 3)), (4, 3, 25));
-        // Not a power of two: said, and not taken off.
+        // Not a power of two: found, but not divided by.
         assert_eq!(step(&[scan((5..40).map(|c| (c * 5, 1)))]).unwrap().idle_bits(), None);
         assert_eq!(step(&[scan((5..40).map(|c| (c, 1)))]), None);
         // Few codes show no step.
@@ -155,13 +159,13 @@ mod tests {
         let mut codes: Vec<(u16, u64)> = (20..60).map(|c| (c * 64, 1000)).collect();
         codes.push((1501, 3));
         let found = step(&[scan(codes)]).unwrap();
-        assert_eq!((found.step, found.between), (64, (3, 40_003)));
+        assert_eq!((found.step, found.between, found.samples), (64, 3, 40_003));
         assert_eq!(found.idle_bits(), None);
     }
 
     #[test]
-    fn facts_are_in_steps() {
-        let found = Step { step: 64, offset: 0, between: (0, 1) };
+    fn facts_are_in_units_of_the_step() {
+        let found = Step { step: 64, offset: 0, between: 0, samples: 1 };
         let sensor = SensorFacts {
             width: 2,
             height: 2,

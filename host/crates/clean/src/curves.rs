@@ -1,12 +1,12 @@
-//! What runs over the frames of every stack alike: the first frames after a start, which are off
-//! in dark and light by the same, and a lamp that drifts, in proportion to the light.
+//! Curves over the frames of all stacks: a start-up offset of the first frames, the same in dark and
+//! light, and a drift of the lamp, in proportion to the light.
 //!
-//! The means of frames are compared with c (e^(−i/τ) − its mean) and c (i/(N − 1) − ½), c the
-//! same number of DN in all stacks, or the same part of the light in all flats. Errors of a frame's
-//! mean come from blocks of its rows, so that what rows share counts. The fall of χ² is divided by
-//! what the rest scatters (with its correlation from frame to frame, where that is much), and where
-//! five stacks or more differ by more than their errors, Student's t over stacks decides: an offset
-//! that wanders is no curve.
+//! The means of frames are fitted with c (e^(−i/τ) − its mean) and c (i/(N − 1) − ½), c the same
+//! number of DN in all stacks, or the same share of the light in all flats. The error of a frame's
+//! mean comes from blocks of its rows, so that noise shared by rows counts. The decrease of χ² is
+//! divided by the scatter of the residuals (with their correlation from frame to frame where the
+//! scatter is large), and where five or more stacks differ by more than their errors, Student's t
+//! over stacks decides: a wandering offset is not a curve.
 
 use super::finding::{Done, Finding, Kind};
 use super::scan::Scan;
@@ -14,37 +14,37 @@ use super::transfer::Transfer;
 use camrig_base::tails;
 use camrig_captures::{CaptureSet, Role};
 
-/// Fall of χ² from which a curve is there. Of 350 sets without one, 2 passed 17 and none this
-/// (numpy draws of offsets and lamps that wander).
-const FALL: f64 = 25.0;
-/// Frames from which a curve is looked for.
+/// Decrease of χ² from which a curve is accepted. Of 350 sets without one, 2 exceeded 17 and none
+/// exceeded this (numpy simulations of wandering offsets and lamps).
+const MIN_DECREASE: f64 = 25.0;
+/// Shortest stack that is used, frames.
 const MIN_FRAMES: usize = 6;
-/// Stacks from which their own scatter counts.
+/// Stacks from which the scatter between them counts.
 const MIN_STACKS: usize = 5;
 /// Blocks of rows that a frame is divided into.
 const BLOCKS: usize = 8;
-/// Scatter over the errors from which it is more than chance.
-const MORE: f64 = 1.5;
-/// Time constants that are tried, frames.
+/// Reduced χ² from which scatter exceeds the errors.
+const EXCESS: f64 = 1.5;
+/// Time constants that are tested, frames.
 const CONSTANTS: [f64; 9] = [0.7, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 9.0];
-/// Steps to the smallest χ² between neighbouring time constants: a thousandth of a frame.
-const REFINED: usize = 24;
+/// Golden-section steps between neighbouring time constants: to a thousandth of a frame.
+const REFINEMENTS: usize = 24;
 
-/// A shape over frames.
+/// A shape over frames i of a stack of N.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shape {
+pub enum CurveShape {
     /// e^(−i/τ), τ in frames.
     Decay(f64),
     /// i/(N − 1).
     Line,
 }
 
-impl Shape {
-    /// The shape at a frame of a stack of `n`.
+impl CurveShape {
+    /// Its value at a frame of a stack of `n`.
     pub fn at(self, frame: usize, n: usize) -> f64 {
         match self {
-            Shape::Decay(tau) => libm::exp(-(frame as f64) / tau),
-            Shape::Line => frame as f64 / (n as f64 - 1.0).max(1.0),
+            CurveShape::Decay(tau) => libm::exp(-(frame as f64) / tau),
+            CurveShape::Line => frame as f64 / (n as f64 - 1.0).max(1.0),
         }
     }
 
@@ -55,14 +55,14 @@ impl Shape {
     }
 }
 
-/// What frames have in common over their stacks.
+/// A curve over frames that all stacks share.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Curve {
+pub struct FrameCurve {
     /// Its shape.
-    pub shape: Shape,
-    /// Whether it is a part of the light rather than an offset.
+    pub shape: CurveShape,
+    /// Whether it scales the light; otherwise it is an offset.
     pub of_light: bool,
-    /// Amplitude: DN, or the part of a stack's mean light.
+    /// Amplitude, DN, or as a share of the stack's mean light.
     pub amplitude: f64,
     /// Its standard error.
     pub std_error: f64,
@@ -70,8 +70,8 @@ pub struct Curve {
     pub tau_std_error: f64,
 }
 
-/// Means of the rows of a stack's frames, events left out.
-pub struct Rows {
+/// Sums of the rows of a stack's frames, events excluded.
+pub struct RowSums {
     /// Index of the scan.
     pub stack: usize,
     /// For each frame, the sum of each row, DN.
@@ -80,18 +80,19 @@ pub struct Rows {
     pub width: usize,
 }
 
-/// Means of a stack's frames about their mean, with their error.
+/// Means of a stack's frames relative to the stack's mean.
 struct Means {
     values: Vec<f64>,
-    /// Variance of each.
+    /// Error variance of each.
     variance: f64,
-    /// Whether it is a flat, and its light, DN.
+    /// Whether the stack is a flat with a signal.
     flat: bool,
+    /// Signal above black, DN.
     signal: f64,
 }
 
 impl Means {
-    fn of(set: &CaptureSet, scans: &[Scan], black: f64, rows: &Rows) -> Option<Self> {
+    fn of(set: &CaptureSet, scans: &[Scan], black: f64, rows: &RowSums) -> Option<Self> {
         let n = rows.sums.len();
         let height = rows.sums.first()?.len();
         if n < MIN_FRAMES || height < BLOCKS {
@@ -126,7 +127,7 @@ impl Means {
     }
 
     /// The shape of a curve in this stack, DN per unit of amplitude.
-    fn shape(&self, shape: Shape, of_light: bool) -> Vec<f64> {
+    fn shape(&self, shape: CurveShape, of_light: bool) -> Vec<f64> {
         let scale = if of_light { self.signal } else { 1.0 };
         shape.centred(self.values.len()).into_iter().map(|s| s * scale).collect()
     }
@@ -138,72 +139,79 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 /// A curve fitted to stacks.
 struct Fitted {
-    /// Fall of χ², divided by what the rest scatters.
-    fall: f64,
-    /// χ² left.
-    left: f64,
+    /// Decrease of χ² relative to the scatter of the residuals.
+    decrease: f64,
+    /// χ² of the residuals.
+    chi2: f64,
+    /// Least-squares amplitude over all stacks.
     amplitude: f64,
 }
 
-fn fit(stacks: &[&Means], shape: Shape, of_light: bool) -> Fitted {
+/// A curve fitted to one stack.
+struct StackFit {
+    /// Inverse variance of the amplitude.
+    weight: f64,
+    amplitude: f64,
+}
+
+fn fit(stacks: &[&Means], shape: CurveShape, of_light: bool) -> Fitted {
     let shapes: Vec<Vec<f64>> = stacks.iter().map(|m| m.shape(shape, of_light)).collect();
-    // For each stack: weight and amplitude.
-    let own: Vec<(f64, f64)> = (stacks.iter().zip(&shapes))
+    let by_stack: Vec<StackFit> = (stacks.iter().zip(&shapes))
         .map(|(m, s)| {
             let square = dot(s, s).max(1e-30);
-            (square / m.variance, dot(s, &m.values) / square)
+            StackFit { weight: square / m.variance, amplitude: dot(s, &m.values) / square }
         })
         .collect();
-    let weight: f64 = own.iter().map(|o| o.0).sum();
-    let amplitude = own.iter().map(|o| o.0 * o.1).sum::<f64>() / weight;
-    let (mut left, mut count, mut lag, mut length) = (0.0, 0.0, 0.0, 0.0);
+    let weight: f64 = by_stack.iter().map(|o| o.weight).sum();
+    let amplitude = by_stack.iter().map(|o| o.weight * o.amplitude).sum::<f64>() / weight;
+    let (mut chi2, mut count, mut lag, mut length) = (0.0, 0.0, 0.0, 0.0);
     for (m, s) in stacks.iter().zip(&shapes) {
-        let rest: Vec<f64> = (m.values.iter().zip(s))
+        let residuals: Vec<f64> = (m.values.iter().zip(s))
             .map(|(v, s)| (v - amplitude * s) / m.variance.sqrt())
             .collect();
-        left += dot(&rest, &rest);
-        lag += dot(&rest[1..], &rest[..rest.len() - 1]);
-        count += rest.len() as f64 - 1.0;
-        length += rest.len() as f64;
+        chi2 += dot(&residuals, &residuals);
+        lag += dot(&residuals[1..], &residuals[..residuals.len() - 1]);
+        count += residuals.len() as f64 - 1.0;
+        length += residuals.len() as f64;
     }
-    let scatter = left / (count - 1.0).max(1.0);
-    // A mean that was taken off makes neighbours of n frames correlate by about −1.5/n.
-    let correlation = lag / left.max(1e-30) + 1.5 * stacks.len() as f64 / length;
+    let scatter = chi2 / (count - 1.0).max(1.0);
+    // Subtracting the mean and the curve correlates neighbours among n frames by about −1.5/n.
+    let correlation = lag / chi2.max(1e-30) + 1.5 * stacks.len() as f64 / length;
     let correlation = correlation.clamp(0.0, 0.95);
-    let inflated = match scatter > MORE {
+    let inflated = match scatter > EXCESS {
         true => scatter * (1.0 + correlation) / (1.0 - correlation),
         false => scatter.max(1.0),
     };
-    let mut fall = amplitude * amplitude * weight / inflated;
+    let mut decrease = amplitude * amplitude * weight / inflated;
     if stacks.len() >= MIN_STACKS {
-        let differ = own.iter().map(|o| o.0 * (o.1 - amplitude).powi(2)).sum::<f64>();
+        let between = by_stack.iter().map(|o| o.weight * (o.amplitude - amplitude).powi(2));
         let dof = stacks.len() as f64 - 1.0;
-        let differ = differ / dof;
-        if differ > MORE {
-            let t = amplitude * (weight / differ).sqrt();
-            let chance = tails::student_both(t, dof).max(1e-300);
-            fall = fall.min(tails::deviate(libm::log(chance / 2.0)).powi(2));
+        let between = between.sum::<f64>() / dof;
+        if between > EXCESS {
+            let t = amplitude * (weight / between).sqrt();
+            let chance = tails::student_two_sided(t, dof).max(1e-300);
+            decrease = decrease.min(tails::normal_quantile(libm::log(chance / 2.0)).powi(2));
         } else {
-            // What stacks share, whatever single frames scatter.
-            fall = fall.max(amplitude * amplitude * weight / differ.max(1.0));
+            // Stacks agree, however single frames scatter.
+            decrease = decrease.max(amplitude * amplitude * weight / between.max(1.0));
         }
     }
-    Fitted { fall, left, amplitude }
+    Fitted { decrease, chi2, amplitude }
 }
 
-/// The curve that explains the means of the frames best, where one is there.
+/// The curve that fits the means of frames best; `None` where none is significant.
 pub fn curve(
     set: &CaptureSet,
     scans: &[Scan],
     transfer: &Transfer,
-    rows: &[Rows],
-) -> Option<Curve> {
+    rows: &[RowSums],
+) -> Option<FrameCurve> {
     let means: Vec<Means> =
         rows.iter().filter_map(|r| Means::of(set, scans, transfer.black, r)).collect();
     let all: Vec<&Means> = means.iter().collect();
     let flats: Vec<&Means> = means.iter().filter(|m| m.flat).collect();
-    let shapes = || CONSTANTS.map(Shape::Decay).into_iter().chain([Shape::Line]);
-    let mut best: Option<(Fitted, Shape, bool)> = None;
+    let shapes = || CONSTANTS.map(CurveShape::Decay).into_iter().chain([CurveShape::Line]);
+    let mut best: Option<(Fitted, CurveShape, bool)> = None;
     for of_light in [false, true] {
         let stacks = if of_light { &flats } else { &all };
         if stacks.is_empty() {
@@ -211,39 +219,44 @@ pub fn curve(
         }
         for shape in shapes() {
             let fitted = fit(stacks, shape, of_light);
-            if best.as_ref().is_none_or(|(b, ..)| fitted.fall > b.fall) {
+            if best.as_ref().is_none_or(|(b, ..)| fitted.decrease > b.decrease) {
                 best = Some((fitted, shape, of_light));
             }
         }
     }
-    let (found, shape, of_light) = best.filter(|(b, ..)| b.fall > FALL)?;
+    let (found, shape, of_light) = best.filter(|(b, ..)| b.decrease > MIN_DECREASE)?;
     let stacks = if of_light { &flats } else { &all };
     let (shape, tau_std_error) = match shape {
-        Shape::Decay(tau) => refined(stacks, tau, of_light),
-        Shape::Line => (Shape::Line, f64::NAN),
+        CurveShape::Decay(tau) => refine(stacks, tau, of_light),
+        CurveShape::Line => (CurveShape::Line, f64::NAN),
     };
     let fitted = fit(stacks, shape, of_light);
-    let std_error = fitted.amplitude.abs() / found.fall.sqrt();
-    Some(Curve { shape, of_light, amplitude: fitted.amplitude, std_error, tau_std_error })
+    let std_error = fitted.amplitude.abs() / found.decrease.sqrt();
+    Some(FrameCurve { shape, of_light, amplitude: fitted.amplitude, std_error, tau_std_error })
 }
 
 /// The time constant of least χ² near `tau`, by golden section, and its standard error from the
-/// curvature there.
-fn refined(stacks: &[&Means], tau: f64, of_light: bool) -> (Shape, f64) {
-    let left = |tau: f64| fit(stacks, Shape::Decay(tau), of_light).left;
+/// curvature there, frames.
+fn refine(stacks: &[&Means], tau: f64, of_light: bool) -> (CurveShape, f64) {
+    let chi2 = |tau: f64| fit(stacks, CurveShape::Decay(tau), of_light).chi2;
     let (mut low, mut high) = (tau * 0.6, tau * 1.6);
-    for _ in 0..REFINED {
+    for _ in 0..REFINEMENTS {
         let (a, b) = (low + 0.382 * (high - low), low + 0.618 * (high - low));
-        if left(a) < left(b) { high = b } else { low = a }
+        if chi2(a) < chi2(b) { high = b } else { low = a }
     }
     let best = 0.5 * (low + high);
     let step = 0.05 * best;
-    let bend = (left(best + step) - 2.0 * left(best) + left(best - step)) / (step * step);
-    (Shape::Decay(best), (2.0 / bend.max(1e-12)).sqrt())
+    let bend = (chi2(best + step) - 2.0 * chi2(best) + chi2(best - step)) / (step * step);
+    (CurveShape::Decay(best), (2.0 / bend.max(1e-12)).sqrt())
 }
 
-/// What is said of a curve.
-pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, curve: &Curve) -> Finding {
+/// The finding about a curve.
+pub fn finding(
+    set: &CaptureSet,
+    scans: &[Scan],
+    transfer: &Transfer,
+    curve: &FrameCurve,
+) -> Finding {
     let ids: Vec<&str> = scans
         .iter()
         .map(|s| &set.captures[s.capture])
@@ -255,46 +268,48 @@ pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, curve: &Cu
     let percent = |v: f64| 100.0 * v;
     match (curve.of_light, curve.shape) {
         (true, shape) => {
-            let way = if (a > 0.0) == (shape == Shape::Line) { "rose" } else { "fell" };
+            let direction = if (a > 0.0) == (shape == CurveShape::Line) { "rose" } else { "fell" };
             let how = match shape {
-                Shape::Line => "evenly from the first frame to the last".to_string(),
-                Shape::Decay(tau) => {
-                    format!("as it settled with a time constant of {tau:.2} frames")
+                CurveShape::Line => "evenly from the first frame to the last".to_string(),
+                CurveShape::Decay(tau) => {
+                    format!("settling with a time constant of {tau:.2} frames")
                 }
             };
             Finding::new(Kind::LampDrift, place, Done::Modelled)
-                .amount(percent(a), percent(se), "%")
-                .says(format!(
-                    "the light {way} by {:.2} ± {:.2} % within each of the stacks, {how}: the lamp \
-                     drifts, which is no property of the sensor. The model is given the same light; \
-                     at which frame the stated light was read is not known, so the response is \
-                     known to no better than that",
+                .with_amount(percent(a), percent(se), "%")
+                .with_description(format!(
+                    "the light {direction} by {:.2} ± {:.2} % within each of the stacks, {how}: the \
+                     lamp drifts, which is not a property of the sensor. The model gets the same \
+                     drift; the frame at which the stated light was measured is unknown, which \
+                     limits the accuracy of the response",
                     percent(a.abs()),
                     percent(se),
                 ))
         }
         (false, shape) => {
             let electrons = transfer.dn_per_e.filter(|k| *k > 0.0);
-            let of_gain = electrons.map_or(String::new(), |k| {
+            let in_electrons = electrons.map_or(String::new(), |k| {
                 format!(" ({:.2} ± {:.2} e⁻ at an analog gain of 1)", a.abs() / k, se / k)
             });
-            let way = if a > 0.0 { "higher" } else { "lower" };
+            let direction = if a > 0.0 { "higher" } else { "lower" };
             let how = match shape {
-                Shape::Line => format!(
-                    "the level of frames drifts by {a:.3} ± {se:.3} DN{of_gain} from the first \
-                     frame of each stack to its last, in dark and light alike"
+                CurveShape::Line => format!(
+                    "the level of frames drifts by {a:.3} ± {se:.3} DN{in_electrons} from the \
+                     first frame of each stack to the last, equally in dark and light"
                 ),
-                Shape::Decay(tau) => format!(
-                    "the first frames of each stack are {way}: {:.3} ± {se:.3} DN{of_gain} at the \
-                     first, which settles with a time constant of {tau:.2} ± {:.2} frames, in dark \
-                     and light alike: start-up",
+                CurveShape::Decay(tau) => format!(
+                    "the first frames of each stack are {direction}: {:.3} ± {se:.3} \
+                     DN{in_electrons} at the first, settling with a time constant of {tau:.2} ± \
+                     {:.2} frames, equally in dark and light: start-up",
                     a.abs(),
                     curve.tau_std_error
                 ),
             };
             Finding::new(Kind::StartUp, place, Done::Modelled)
-                .amount(a, se, "DN")
-                .says(format!("{how}. The model is given the same; leave the first frames out"))
+                .with_amount(a, se, "DN")
+                .with_description(format!(
+                    "{how}. The model gets the same offset; skip the first frames"
+                ))
         }
     }
 }

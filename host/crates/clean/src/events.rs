@@ -1,201 +1,291 @@
-//! Whether events of single frames are particles, and how often they come.
+//! Events in single frames: samples far above their pixel's other frames, with the neighbours that
+//! they extend to. Whether they are particles is decided over the whole set ([`super::particles`]).
 //!
-//! Telegraph noise jumps in the same pixels again, or by little; heavy tails of noise go both ways;
-//! and neither reaches a neighbour. Particles come anywhere, add charge, often much of it, and
-//! often cross pixels. The rate is fitted to the counts of the stacks as a + b t, t the exposure,
-//! by the likelihood of their Poisson law, each with the share of particles that its stack shows
-//! ([`super::completeness`]).
+//! A residual r from the pixel's median over N frames is compared with √(v (1 + π/(2(N − 1)))),
+//! where v is the larger of the variance expected at the pixel's level and a lower bound from its
+//! own residuals, the largest left out. The limit is the normal quantile that one sample of the
+//! whole set exceeds once in a thousand sets, plus γ/6 (z² − 1) for the skewness γ of shot noise
+//! (Cornish & Fisher 1938).
 
-use super::completeness::Completeness;
-use super::finding::{Done, Finding, Kind, Rate, names};
-use super::hits::{Event, FALSE_EVENTS, Found};
-use super::scan::Scan;
-use super::transfer::Transfer;
-use camrig_base::numbers::counted;
+use super::band::Band;
+use super::corrections::Substitution;
+use super::residuals::Residuals;
 use camrig_base::tails;
-use camrig_captures::CaptureSet;
-use std::collections::BTreeMap;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
 
-/// Events below their pixel's other samples, beyond this share of those above and this number, are
-/// noise with wide tails.
-const NEGATIVE: (f64, f64) = (0.1, 2.0);
-/// Chance of as few events below among symmetric ones from which these are not taken to be so.
-const SYMMETRIC: f64 = 0.01;
-/// Events below which neither symmetry nor recurrence tells much of a cause: 2⁻⁷ is below the
-/// chance above.
-const FEW: usize = 7;
-/// Deviation from which an event is no chance of a noisy pixel: one that jumps so far is seen
-/// again.
-const STRONG: f64 = 12.0;
-/// Share of particles that reach several pixels or are strong, at least, and the chance of fewer.
-/// Of an exponential law with a mean as large as the limit a third is strong; of pixels that jump
-/// by a few standard deviations of noise, none.
-const TELLING: (f64, f64) = (0.10, 1e-2);
+/// Probability of one false event in a whole set.
+pub const FALSE_EVENTS: f64 = 1e-3;
+/// Shortest stack that is searched for events, frames.
+pub const MIN_FRAMES: usize = 3;
+/// Standard deviations above which a neighbour belongs to an event.
+const NEIGHBOUR: f64 = 3.5;
+/// The same for the further neighbours of a large event.
+const FAR_NEIGHBOUR: f64 = 2.5;
+/// Standard deviations above which an event is large: its edge extends beyond one pixel.
+const LARGE: f64 = 12.0;
+/// Pixels over which a large event is followed.
+const REACH: usize = 12;
+/// Standard deviations above which a pixel's own variance is computed.
+const OWN_VARIANCE_FROM: f64 = 4.0;
+/// Most samples of a band whose margin is recorded.
+const MAX_MARGINS: usize = 512;
+/// Normal quantile for the lower bound of a pixel's own variance, exceeded once in a thousand.
+const OWN_BOUND: f64 = 3.09;
 
-/// A stack is quiet whose limit is below this multiple of the lowest.
-const QUIET: f64 = 1.5;
+/// An event.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Event {
+    /// Index of the scan.
+    pub stack: usize,
+    /// Its frame.
+    pub frame: usize,
+    /// Column and row of its largest sample.
+    pub at: [usize; 2],
+    /// Its pixels, by their index in the frame.
+    pub pixels: Vec<u32>,
+    /// For each pixel, the sample and its estimate without the event.
+    pub samples: Vec<Substitution>,
+    /// Sum of its residuals, DN.
+    pub charge_dn: f64,
+    /// Largest residual, DN.
+    pub peak_dn: f64,
+    /// The same in standard deviations.
+    pub z: f64,
+}
 
-/// The events that are particles; `None` where something else made them. `found` are those of all
-/// bands, `pixels` those of a frame.
-pub fn particles(found: Vec<Found>, pixels: usize) -> Option<Vec<Event>> {
-    let negative: usize = found.iter().map(|f| f.negative).sum();
-    let mut events: Vec<Event> = found.into_iter().flat_map(|f| f.events).collect();
-    if events.is_empty() || negative as f64 > NEGATIVE.0 * events.len() as f64 + NEGATIVE.1 {
-        return None;
+/// Events of a band.
+#[derive(Default)]
+pub struct Found {
+    /// Samples far above their pixel's median.
+    pub events: Vec<Event>,
+    /// Number of samples as far below.
+    pub negative: usize,
+    /// For samples spread over the band: how far each would have to rise to be an event, DN.
+    pub margins: Vec<f32>,
+}
+
+/// Where a band lies, and what its samples are tested against.
+pub struct Search {
+    /// Index of the scan.
+    pub stack: usize,
+    /// The band's first row.
+    pub first_row: usize,
+    /// DN per electron; 0 where unknown.
+    pub dn_per_e: f64,
+    /// Level without light, DN.
+    pub black: f64,
+    /// Number of samples of the whole set.
+    pub samples: f64,
+    /// Level from which samples are clipped, DN.
+    pub white: f64,
+}
+
+impl Search {
+    /// The limit, standard deviations.
+    pub fn limit(&self) -> f64 {
+        tails::normal_quantile(libm::log(FALSE_EVENTS / self.samples.max(1.0)))
     }
-    // Events whose largest sample is in the same pixel again.
-    let mut at: BTreeMap<[usize; 2], usize> = BTreeMap::new();
-    events.iter().for_each(|e| *at.entry(e.at).or_default() += 1);
-    let n = events.len() as f64;
-    let again: usize = at.values().map(|&k| k - 1).sum();
-    if tails::poisson_least(again, n * n / (2.0 * pixels as f64)) < FALSE_EVENTS {
-        if again as f64 > NEGATIVE.0 * n + NEGATIVE.1 {
-            return None;
+
+    /// Events of a band; `period` is the number of columns of the filter pattern.
+    pub fn find(&self, band: &Band, r: &Residuals, period: usize) -> Found {
+        let n = r.frames;
+        if n < MIN_FRAMES {
+            return Found::default();
         }
-        events.retain(|e| at[&e.at] == 1);
-    }
-    // Few events may be the tails of noise, which is symmetric; such do not reach neighbours.
-    let several = events.iter().any(|e| e.pixels.len() > 1);
-    let all = negative + events.len();
-    if tails::binomial_most(negative, all, 0.5) > SYMMETRIC && !(several && negative == 0) {
-        return None;
-    }
-    let telling = events.iter().filter(|e| e.pixels.len() > 1 || e.z > STRONG).count();
-    let (share, chance) = TELLING;
-    let enough = telling > 0 && tails::binomial_most(telling, events.len(), share) > chance;
-    enough.then_some(events)
-}
-
-/// Where events would be seen.
-pub struct Seen<'a> {
-    /// For each stack, the deviation that single samples of the typical pixel need, DN.
-    pub limits: &'a [f64],
-    /// For each stack, how far samples all over it would have to rise to be events, DN.
-    pub margins: &'a [Vec<f32>],
-}
-
-/// What is said of them.
-pub fn finding(
-    set: &CaptureSet,
-    scans: &[Scan],
-    transfer: &Transfer,
-    events: &[Event],
-    seen: &Seen<'_>,
-) -> Finding {
-    let quietest = seen.limits.iter().copied().fold(f64::INFINITY, f64::min);
-    // Stacks nearly as quiet as the quietest tell charges and tracks: in others noise hides the
-    // ends of tracks.
-    let is_quiet = |e: &&Event| seen.limits[e.stack] < QUIET * quietest;
-    let quiet: Vec<&Event> = events.iter().filter(is_quiet).collect();
-    let told = if quiet.is_empty() { events.iter().collect() } else { quiet };
-    let shown = Completeness::new(&told, seen.margins, quietest);
-    let counts: Vec<Counted> = scans
-        .iter()
-        .enumerate()
-        .filter(|(i, _)| !seen.margins[*i].is_empty())
-        .map(|(i, s)| Counted {
-            events: events.iter().filter(|e| e.stack == i).count() as f64,
-            frames: s.frames.len() as f64 * shown.of_law(i),
-            exposure_s: set.captures[s.capture].exposure_s,
-        })
-        .collect();
-    let searched = (0..scans.len()).filter(|&i| !seen.margins[i].is_empty());
-    let all: f64 = searched.map(|i| scans[i].frames.len() as f64).sum();
-    let share = 100.0 * counts.iter().map(|c| c.frames).sum::<f64>() / all.max(1.0);
-    let rate = rate(&counts);
-    let mut stacks: Vec<usize> = events.iter().map(|e| e.stack).collect();
-    stacks.sort_unstable();
-    stacks.dedup();
-    let ids: Vec<&str> =
-        stacks.iter().map(|&s| set.captures[scans[s].capture].id.as_str()).collect();
-    let samples: usize = events.iter().map(|e| e.pixels.len()).sum();
-    let charge = events.iter().map(|e| e.charge_dn).sum::<f64>() / events.len() as f64;
-    let electrons = |dn: f64| match transfer.dn_per_e {
-        Some(k) if k > 0.0 => format!("{dn:.1} DN ({:.0} e⁻)", dn / k),
-        _ => format!("{dn:.1} DN"),
-    };
-    let several = events.iter().filter(|e| e.pixels.len() > 1).count();
-    let cause = match events.len() < FEW {
-        true => "; too few to tell particles from pixels that jump",
-        false => "",
-    };
-    let mut finding = Finding::new(Kind::ParticleHits, ids.join(", "), Done::LeftOut);
-    finding.count = events.len();
-    finding.pixels = events.iter().map(|e| e.at).take(super::finding::MAX_PIXELS).collect();
-    finding.rate = Some(rate);
-    let value = rate.per_s.unwrap_or(rate.per_frame);
-    let error = rate.per_s_std_error.unwrap_or(rate.per_frame_std_error);
-    let unit = if rate.per_s.is_some() { "1/s" } else { "1/frame" };
-    finding.amount(value, error, unit).says(format!(
-        "{} in a single frame each, as particles leave them (cosmic rays, radioactivity), \
-         {several} of them over several pixels, {} in {}; mean charge {}. Rate of all with more \
-         than {}, of which {share:.0} % are found: {}{cause}. Their samples are left out",
-        counted(events.len(), "event"),
-        counted(samples, "sample"),
-        names(&ids),
-        electrons(charge),
-        electrons(quietest),
-        in_words(&rate),
-    ))
-}
-
-fn in_words(rate: &Rate) -> String {
-    let constant = format!("{:.2} ± {:.2} per frame", rate.per_frame, rate.per_frame_std_error);
-    match (rate.per_s, rate.per_s_std_error) {
-        (Some(b), Some(se)) => format!("{constant} and {b:.3} ± {se:.3} per second of exposure"),
-        _ => constant,
-    }
-}
-
-/// Events of a stack.
-struct Counted {
-    events: f64,
-    /// Frames times the share of events that is found in them.
-    frames: f64,
-    exposure_s: f64,
-}
-
-/// a + b t by Poisson's likelihood, Newton steps from a straight line.
-fn rate(counts: &[Counted]) -> Rate {
-    let frames: f64 = counts.iter().map(|c| c.frames).sum();
-    let events: f64 = counts.iter().map(|c| c.events).sum();
-    let longest = counts.iter().map(|c| c.exposure_s).fold(0.0, f64::max);
-    let shortest = counts.iter().map(|c| c.exposure_s).fold(f64::INFINITY, f64::min);
-    let constant = Rate {
-        per_frame: events / frames.max(1e-9),
-        per_frame_std_error: events.max(1.0).sqrt() / frames.max(1e-9),
-        per_s: None,
-        per_s_std_error: None,
-    };
-    if longest < 2.0 * shortest || longest <= 0.0 {
-        return constant;
-    }
-    // Expectation maximisation: each event is of the frame or of the exposure, in proportion. It
-    // keeps both terms at 0 and above.
-    let (mut a, mut b) = (0.5 * constant.per_frame, 0.5 * constant.per_frame / longest);
-    let seconds: f64 = counts.iter().map(|c| c.frames * c.exposure_s).sum();
-    for _ in 0..2000 {
-        let (mut of_frames, mut of_time) = (0.0, 0.0);
-        for c in counts {
-            let total = (a + b * c.exposure_s).max(1e-300);
-            of_frames += c.events * a / total;
-            of_time += c.events * b * c.exposure_s / total;
+        let limit = self.limit();
+        let scatter = 1.0 + std::f64::consts::PI / 2.0 / (n as f64 - 1.0);
+        let trimmed = Trimmed::new(n);
+        let sd: Vec<f32> = r
+            .expected_variance(self.dn_per_e)
+            .par_iter()
+            .zip(r.values.par_chunks(n))
+            .map(|(&v, values)| (trimmed.own_variance(v, values, scatter) * scatter).sqrt() as f32)
+            .collect();
+        // Limits in DN above and below for each pixel.
+        let above = |p: usize| {
+            let v = f64::from(sd[p]).powi(2);
+            let signal = (f64::from(r.median[p]) - self.black).max(0.0);
+            let skewness = self.dn_per_e * self.dn_per_e * signal / libm::pow(v, 1.5);
+            f64::from(sd[p]) * (limit + skewness / 6.0 * (limit * limit - 1.0))
+        };
+        let mut seeds: Vec<(usize, usize)> = Vec::new();
+        let mut negative = 0;
+        for (p, values) in r.values.chunks(n).enumerate() {
+            let below = -f64::from(sd[p]) * limit;
+            let mut high = None;
+            for (i, &x) in values.iter().enumerate() {
+                let x = f64::from(x);
+                if x < below && f64::from(r.median[p]) < self.white {
+                    negative += 1;
+                } else if x > -below && x > *high.get_or_insert_with(|| above(p)) {
+                    seeds.push((i, p));
+                }
+            }
         }
-        (a, b) = (of_frames / frames, of_time / seconds);
+        seeds.sort_unstable();
+        let mut events = self.grow(r, &sd, &seeds, limit);
+        self.estimate_samples(band, r, period, &mut events);
+        // Frames in turn.
+        let step = r.values.len().div_ceil(MAX_MARGINS);
+        let places =
+            (0..MAX_MARGINS).map(|k| (k * step / n, k % n)).take_while(|p| p.0 < sd.len());
+        let margin = |(p, i): (usize, usize)| above(p) as f32 - r.values[p * n + i];
+        let margins = places.map(margin).filter(|&m| m > 0.0).collect();
+        Found { events, negative, margins }
     }
-    // Fisher information of both.
-    let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
-    for c in counts {
-        let w = c.frames / (a + b * c.exposure_s).max(1e-9);
-        aa += w;
-        ab += w * c.exposure_s;
-        bb += w * c.exposure_s * c.exposure_s;
+
+    /// Estimates the samples of events without the event: the next pixel of the same filter in the
+    /// row, in the same frame, shifted to the pixel's own level. It has the noise of row and frame.
+    fn estimate_samples(&self, band: &Band, r: &Residuals, period: usize, events: &mut [Event]) {
+        let first = self.first_row * r.width;
+        let taken: BTreeSet<(usize, u32)> =
+            events.iter().flat_map(|e| e.pixels.iter().map(|&p| (e.frame, p))).collect();
+        for e in events {
+            let sample = |p: usize| band.samples[p * r.frames + e.frame];
+            e.samples = (e.pixels.iter())
+                .map(|&pixel| {
+                    let p = pixel as usize - first;
+                    let used = |q: usize| taken.contains(&(e.frame, (q + first) as u32));
+                    let q = substitute(p, r.width, period, used);
+                    let shifted = f32::from(sample(q)) + (r.median[p] - r.median[q]);
+                    let to = shifted.round().clamp(0.0, f32::from(u16::MAX)) as u16;
+                    Substitution { from: sample(p), to }
+                })
+                .collect();
+        }
     }
-    let determinant = (aa * bb - ab * ab).max(1e-300);
-    Rate {
-        per_frame: a,
-        per_frame_std_error: (bb / determinant).sqrt(),
-        per_s: Some(b),
-        per_s_std_error: Some((aa / determinant).sqrt()),
+
+    /// Grows events around seeds (frame, pixel), which are in the order of frames.
+    fn grow(&self, r: &Residuals, sd: &[f32], seeds: &[(usize, usize)], limit: f64) -> Vec<Event> {
+        let n = r.frames;
+        let (width, height) = (r.width, r.median.len() / r.width);
+        let z = |p: usize, i: usize| f64::from(r.values[p * n + i] / sd[p]);
+        let mut events = Vec::new();
+        let mut taken = BTreeSet::new();
+        for &(i, seed) in seeds {
+            if !taken.insert((i, seed)) {
+                continue;
+            }
+            // Breadth first, each pixel with its distance from the seed.
+            let mut pixels = vec![(seed, 0)];
+            let mut next = 0;
+            while let Some(&(p, steps)) = pixels.get(next) {
+                next += 1;
+                let large = z(seed, i) > LARGE;
+                let least = if steps > 0 && large { FAR_NEIGHBOUR } else { NEIGHBOUR };
+                if steps > 0 && (!large || steps > REACH) && z(p, i) < limit {
+                    continue;
+                }
+                for q in around(p, width, height) {
+                    if z(q, i) > least && taken.insert((i, q)) {
+                        pixels.push((q, steps + 1));
+                    }
+                }
+            }
+            let residual = |p: usize| f64::from(r.values[p * n + i]);
+            let peak = pixels
+                .iter()
+                .map(|p| p.0)
+                .fold(seed, |best, p| if residual(p) > residual(best) { p } else { best });
+            events.push(Event {
+                stack: self.stack,
+                frame: i,
+                at: [peak % width, peak / width + self.first_row],
+                pixels: pixels.iter().map(|p| (p.0 + self.first_row * width) as u32).collect(),
+                samples: Vec::new(),
+                charge_dn: pixels.iter().map(|p| residual(p.0)).sum(),
+                peak_dn: residual(peak),
+                z: z(peak, i),
+            });
+        }
+        events
+    }
+}
+
+/// A trimmed variance: without its largest squared residuals, so that two events in one pixel do not
+/// mask each other. The same for every pixel of a stack.
+struct Trimmed {
+    /// Number of largest squares that are left out.
+    out: usize,
+    /// Expected sum of the remaining squares of normal variates.
+    kept: f64,
+    /// Upper limit of the trimmed variance over the true one, from chance alone.
+    bound: f64,
+}
+
+impl Trimmed {
+    /// Of stacks of `n` frames.
+    fn new(n: usize) -> Self {
+        let out = if n >= 8 { 2 } else { 1 };
+        let kept = (0..n - out)
+            .map(|i| {
+                let share = (i as f64 + 0.625) / (n as f64 + 0.25);
+                tails::normal_quantile(libm::log((1.0 - share) / 2.0)).powi(2)
+            })
+            .sum();
+        Self { out, kept, bound: tails::quantile_of_squares(OWN_BOUND, (n - out - 1) as f64) }
+    }
+
+    /// The larger of a pixel's expected variance and the lower bound from its own residuals.
+    fn own_variance(&self, expected: f32, values: &[f32], scatter: f64) -> f64 {
+        let expected = f64::from(expected);
+        let far = OWN_VARIANCE_FROM * OWN_VARIANCE_FROM * expected * scatter;
+        let n = values.len();
+        if n < 4 || values.iter().all(|&x| f64::from(x * x) < far) {
+            return expected;
+        }
+        let mut squares: Vec<f64> = values.iter().map(|&x| f64::from(x * x)).collect();
+        squares.sort_unstable_by(f64::total_cmp);
+        let own = squares[..n - self.out].iter().sum::<f64>() / self.kept;
+        expected.max(own / self.bound)
+    }
+}
+
+/// The eight neighbours of a pixel.
+fn around(p: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+    let (x, y) = (p % width, p / width);
+    let rows = y.saturating_sub(1)..(y + 2).min(height);
+    rows.flat_map(move |v| {
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        columns.map(move |u| v * width + u)
+    })
+    .filter(move |&q| q != p)
+}
+
+/// The nearest pixel of the same filter in the row of `p` that is not `used` itself; `p` where there
+/// is none.
+pub fn substitute(p: usize, width: usize, period: usize, used: impl Fn(usize) -> bool) -> usize {
+    let (row, x) = (p / width * width, p % width);
+    let (mut left, mut right) = (x, x);
+    loop {
+        let more = right + period < width;
+        if more {
+            right += period;
+            if !used(row + right) {
+                return row + right;
+            }
+        }
+        if left >= period {
+            left -= period;
+            if !used(row + left) {
+                return row + left;
+            }
+        } else if !more {
+            return p;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_substitute_has_the_same_filter_and_is_unused() {
+        assert_eq!(substitute(3, 10, 2, |_| false), 5);
+        assert_eq!(substitute(13, 10, 2, |q| q == 15), 11);
+        assert_eq!(substitute(9, 10, 2, |q| q != 1), 1);
+        assert_eq!(substitute(1, 3, 2, |_| false), 1);
     }
 }

@@ -1,31 +1,33 @@
-//! What was found in a capture set, for people and programs.
+//! One finding about a capture set, for people and programs.
 
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
-/// One thing in a capture set that is not the steady behaviour of its sensor.
+/// Something in a capture set that is not the steady behaviour of its sensor.
 ///
-/// Fields are in the order of their keys in JSON, which is alphabetical. Frames are counted from 0
-/// within their stack, columns and rows from 0.
+/// Fields are in the alphabetical order of their JSON keys. Frames are counted from 0 within their
+/// stack, columns and rows from 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Finding {
-    /// How large it is, in `unit`; `None` where it is only there or not.
+    /// Its size, in `unit`; `None` where it has none.
     #[serde(default)]
     pub amount: Option<f64>,
-    /// Samples, pixels or frames that it concerns.
+    /// Number of samples, pixels or frames affected.
     pub count: usize,
     /// A sentence that a person can act on.
     pub description: String,
     /// What was done about it.
     pub done: Done,
-    /// Frames that it concerns, where it is certain ones.
+    /// The frames affected, where it affects particular ones.
     #[serde(default)]
     pub frames: Vec<usize>,
     /// What it is.
     pub kind: Kind,
-    /// Columns and rows that it concerns, at most [`MAX_PIXELS`].
+    /// Column and row of the pixels affected, at most [`MAX_PIXELS`].
     #[serde(default)]
     pub pixels: Vec<[usize; 2]>,
-    /// Of what happens again and again: how often, for each stack.
+    /// How often it occurs, for findings that recur.
     #[serde(default)]
     pub rate: Option<Rate>,
     /// Standard error of `amount`.
@@ -38,89 +40,75 @@ pub struct Finding {
     pub place: String,
 }
 
-/// Pixels that a finding lists, at most.
+/// Most pixels that a finding lists.
 pub const MAX_PIXELS: usize = 100;
 
-/// How often something happens: `per_frame` + `per_s` × exposure.
+/// Expected number of events in a frame: `per_frame` + `per_s` × exposure.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Rate {
-    /// Part of each frame, whatever its exposure.
+    /// Events per frame that do not depend on exposure.
     pub per_frame: f64,
     /// Its standard error.
     pub per_frame_std_error: f64,
-    /// Part in proportion to exposure, 1/s; `None` where all exposures are alike.
+    /// Events per second of exposure, 1/s; `None` where all exposures are equal.
     pub per_s: Option<f64>,
     /// Its standard error.
     pub per_s_std_error: Option<f64>,
 }
 
-/// What a finding is.
+/// What a finding is. Displayed as in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Kind {
     /// Frames that are copies of others.
     IdenticalFrames,
     /// Samples that are all multiples of a step.
     CodeStep,
-    /// A camera filtered or compressed the frames.
+    /// Frames that a camera filtered or compressed.
     ProcessedFrames,
-    /// Events of single frames: cosmic rays, radioactivity.
+    /// Events in single frames: cosmic rays, radioactivity.
     ParticleHits,
     /// Pixels that change once within a stack.
     DefectsAppear,
-    /// A stack whose light or exposure is not what the manifest says.
+    /// A stack whose light or exposure differs from the manifest.
     LightLabel,
-    /// The lamp changes within stacks.
+    /// A lamp that changes within stacks.
     LampDrift,
-    /// The first frames of stacks differ.
+    /// The first frames of stacks differ from the rest.
     StartUp,
     /// Stacks of unknown temperature.
     Temperature,
 }
 
-impl Kind {
-    /// The word in JSON.
-    pub fn word(self) -> &'static str {
-        match self {
-            Kind::IdenticalFrames => "identical-frames",
-            Kind::CodeStep => "code-step",
-            Kind::ProcessedFrames => "processed-frames",
-            Kind::ParticleHits => "particle-hits",
-            Kind::DefectsAppear => "defects-appear",
-            Kind::LightLabel => "light-label",
-            Kind::LampDrift => "lamp-drift",
-            Kind::StartUp => "start-up",
-            Kind::Temperature => "temperature",
-        }
-    }
-}
-
-/// What was done about a finding.
+/// What was done about a finding. Displayed as in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Done {
-    /// The samples were left out.
-    LeftOut,
+    /// The samples were excluded; estimates stand in for them.
+    Excluded,
     /// Frames or labels were corrected for it.
-    TakenOff,
-    /// The model has it too.
+    Corrected,
+    /// The model must include it.
     Modelled,
-    /// It was said, and nothing else.
-    Said,
-    /// Nothing can be judged with it.
+    /// It was reported, and nothing else was done.
+    Reported,
+    /// The set cannot be used with it.
     Refused,
 }
 
-impl Done {
-    /// The word in JSON.
-    pub fn word(self) -> &'static str {
-        match self {
-            Done::LeftOut => "left-out",
-            Done::TakenOff => "taken-off",
-            Done::Modelled => "modelled",
-            Done::Said => "said",
-            Done::Refused => "refused",
-        }
+// serde can write a unit variant to a formatter, so the words exist once.
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
+
+impl fmt::Display for Done {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
     }
 }
 
@@ -142,30 +130,29 @@ impl Finding {
         }
     }
 
-    /// With an amount, its standard error and its unit.
+    /// The same with an amount, its standard error and its unit; NaN stands for unknown.
     #[must_use]
-    pub fn amount(mut self, value: f64, std_error: f64, unit: &str) -> Self {
+    pub fn with_amount(mut self, value: f64, std_error: f64, unit: &str) -> Self {
         self.amount = Some(value).filter(|v| v.is_finite());
         self.std_error = Some(std_error).filter(|v| v.is_finite());
         self.unit = unit.into();
         self
     }
 
-    /// With its sentence.
+    /// The same with a description.
     #[must_use]
-    pub fn says(mut self, description: impl Into<String>) -> Self {
+    pub fn with_description(mut self, description: impl Into<String>) -> Self {
         self.description = description.into();
         self
     }
 
-    /// Its line for people: kind, place, sentence, and what was done.
+    /// One line for people: kind, place, description, and what was done.
     pub fn line(&self) -> String {
-        let (kind, place) = (self.kind.word(), &self.place);
-        format!("{kind}: {place}: {} ({})", self.description, self.done.word())
+        format!("{}: {}: {} ({})", self.kind, self.place, self.description, self.done)
     }
 }
 
-/// A few names in a sentence: all of up to five, else the first three and how many more.
+/// A list of names for a sentence: all of up to five, otherwise the first three and how many more.
 pub(crate) fn names(ids: &[&str]) -> String {
     match ids.len() {
         0..=5 => ids.join(", "),
@@ -178,22 +165,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn json_has_the_words_and_sorted_keys_and_is_read_again() {
-        let finding = Finding::new(Kind::LightLabel, "flat-3", Done::TakenOff)
-            .amount(1.05, f64::NAN, "1")
-            .says("too bright");
+    fn json_has_sorted_keys_and_the_displayed_words_and_is_read_back() {
+        let finding = Finding::new(Kind::LightLabel, "flat-3", Done::Corrected)
+            .with_amount(1.05, f64::NAN, "1")
+            .with_description("too bright");
         let text = serde_json::to_string(&finding).unwrap();
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert_eq!(text, serde_json::to_string(&value).unwrap());
-        assert_eq!((&value["kind"], &value["done"]), (&"light-label".into(), &"taken-off".into()));
+        assert_eq!((&value["kind"], &value["done"]), (&"light-label".into(), &"corrected".into()));
         assert_eq!(value["where"], "flat-3");
         assert!(value["std_error"].is_null());
         assert_eq!(serde_json::from_str::<Finding>(&text).unwrap(), finding);
-        assert_eq!(finding.line(), "light-label: flat-3: too bright (taken-off)");
+        assert_eq!(finding.line(), "light-label: flat-3: too bright (corrected)");
     }
 
     #[test]
-    fn many_names_are_shortened() {
+    fn long_lists_of_names_are_shortened() {
         assert_eq!(names(&["a", "b"]), "a, b");
         assert_eq!(names(&["a", "b", "c", "d", "e", "f", "g"]), "a, b, c and 4 more");
     }

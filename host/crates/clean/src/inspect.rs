@@ -1,62 +1,69 @@
-//! The order in which a set is looked at: each stage sees what those before it left.
+//! The order of the inspection: each step sees the frames without what those before it found.
 //!
-//! Codes and copies, then the level of frames, events of single frames, changes within stacks,
-//! labels of light, curves over frames, and last the marks of processing.
+//! Codes and copies, then frame levels, events in single frames, changes within stacks, labels of
+//! light, curves over frames, and last the marks of processing.
 
-use super::band::{Band, Levels, Residuals, bands};
+use super::band::{Band, bands};
 use super::blocks::blocks;
 use super::changes::{self, Change, Changed};
-use super::cleaned::{Changes, Replaced};
-use super::curves::{self, Rows};
-use super::events::{self, particles};
+use super::cleaned::Options;
+use super::corrections::{Corrections, Replaced, Substitution};
+use super::curves::{self, RowSums};
+use super::events::{Event, Found, MIN_FRAMES, Search};
 use super::finding::{Done, Finding};
-use super::hits::{Event, Found, MIN_FRAMES, Search};
+use super::particles::{self, particles};
 use super::processed::{self, Lags};
-use super::scan::{Scan, of_light};
+use super::residuals::{FrameLevels, Residuals};
+use super::scan::{Scan, darks_and_flats};
 use super::transfer::Transfer;
 use super::{codes, copies, labels, temperature};
 use camrig_base::{Plane, Result};
 use camrig_captures::{CaptureSet, Role};
 
-/// Share of the samples of a stack that may be at its lowest code: more of them are clipped, and
-/// what is above them looks like events.
+/// Largest share of the samples of a stack at its lowest code: with more, the noise is clipped, and
+/// what is above the lowest code looks like events.
 const CLIPPED: f64 = 1e-3;
-/// Frames that marks of compression are looked for in, per stack.
+/// Frames of a stack that are searched for marks of compression.
 const COMPRESSED_FRAMES: usize = 4;
 
-/// What the bands of a stack gave.
+/// Results from the bands of a stack.
 struct Stack {
     found: Vec<Found>,
     changes: Vec<Change>,
     lags: Lags,
-    rows: Rows,
-    /// Deviation that a sample of the typical pixel needs to be an event, DN.
+    rows: RowSums,
+    /// Deviation at which a sample of the typical pixel is an event, DN.
     limit_dn: f64,
 }
 
-/// Findings of a set, and what is done about them. `progress` hears how many frames were read.
-pub fn inspect(
-    set: &CaptureSet,
-    progress: &(dyn Fn(usize) + Sync),
-) -> Result<(Vec<Finding>, Changes)> {
+impl Stack {
+    /// Keeps the sums of rows up to date with a sample that was replaced.
+    fn update_rows(&mut self, frame: usize, pixel: u32, s: Substitution) {
+        let row = pixel as usize / self.rows.width;
+        self.rows.sums[frame][row] += f64::from(s.to) - f64::from(s.from);
+    }
+}
+
+/// The findings of a set, and the corrections for them.
+pub fn inspect(set: &CaptureSet, options: &Options<'_>) -> Result<(Vec<Finding>, Corrections)> {
     let mut scans = Vec::new();
-    for (index, _) in of_light(set) {
+    for (index, _) in darks_and_flats(set) {
         let scan = Scan::read(set, index)?;
-        progress(scan.frames.len());
+        options.report(scan.frames.len());
         if !scan.frames.is_empty() {
             scans.push(scan);
         }
     }
     let mut findings = copies::copies(set, &scans);
-    let mut done = Changes::default();
+    let mut corrections = Corrections::default();
     if let Some(step) = codes::step(&scans) {
         findings.push(codes::finding(set, &step));
-        done.step = step.idle_bits().map(|_| step);
+        corrections.step = step.idle_bits().map(|_| step);
     }
     let temperature = temperature::finding(set);
     if findings.iter().any(|f| f.done == Done::Refused) {
         findings.extend(temperature);
-        return Ok((findings, done));
+        return Ok((findings, corrections));
     }
     let transfer = Transfer::of(set, &scans);
     let pixels = set.sensor.width * set.sensor.height;
@@ -64,22 +71,22 @@ pub fn inspect(
     let mut stacks = Vec::with_capacity(scans.len());
     for (i, scan) in scans.iter().enumerate() {
         stacks.push(stack(set, scan, &transfer, (i, samples))?);
-        progress(scan.frames.len());
+        options.report(scan.frames.len());
     }
     let limits: Vec<f64> = stacks.iter().map(|s| s.limit_dn).collect();
     let margins = |s: &Stack| s.found.iter().flat_map(|f| &f.margins).copied().collect();
     let margins: Vec<Vec<f32>> = stacks.iter().map(margins).collect();
     let found = stacks.iter_mut().flat_map(|s| s.found.drain(..)).collect();
     if let Some(events) = particles(found, pixels) {
-        let seen = events::Seen { limits: &limits, margins: &margins };
-        findings.push(events::finding(set, &scans, &transfer, &events, &seen));
-        take_events_off(&scans, &events, &mut stacks, &mut done);
+        let sensitivity = particles::Sensitivity { limits: &limits, margins: &margins };
+        findings.push(particles::finding(set, &scans, &transfer, &events, &sensitivity));
+        exclude_events(&scans, events, &mut stacks, &mut corrections);
     }
     let (changed, finding) = changes_of(set, &scans, &transfer, &stacks)?;
     findings.extend(finding);
-    take_changes_off(&scans, &changed, &mut stacks, &mut done);
+    exclude_changes(&scans, changed, &mut stacks, &mut corrections);
     for label in labels::labels(set, &scans, &transfer) {
-        done.labels.insert(label.capture, label.ratio);
+        corrections.labels.insert(label.capture, label.ratio);
         findings.push(labels::finding(set, &label));
     }
     let lags: Vec<Lags> = stacks.iter().map(|s| s.lags.clone()).collect();
@@ -90,18 +97,19 @@ pub fn inspect(
         None => transformed(set, &scans)?,
     };
     if marks.is_none() {
-        let rows: Vec<Rows> = stacks.into_iter().map(|s| s.rows).collect();
-        done.curve = curves::curve(set, &scans, &transfer, &rows);
-        let said = done.curve.as_ref();
-        findings.extend(said.map(|c| curves::finding(set, &scans, &transfer, c)));
+        let rows: Vec<RowSums> = stacks.into_iter().map(|s| s.rows).collect();
+        corrections.curve = curves::curve(set, &scans, &transfer, &rows);
+        let curve = corrections.curve.as_ref();
+        findings.extend(curve.map(|c| curves::finding(set, &scans, &transfer, c)));
     }
     findings.extend(marks);
     findings.extend(temperature);
-    done.replaced.values_mut().for_each(|r| r.sort_unstable());
-    Ok((findings, done))
+    corrections.replaced.values_mut().for_each(|r| r.sort_unstable());
+    Ok((findings, corrections))
 }
 
-/// Looks at a stack band by band. `of` is its index among the scans, and the samples of the set.
+/// Inspects a stack band by band, given its index among the scans and the number of samples of the
+/// set.
 fn stack(
     set: &CaptureSet,
     scan: &Scan,
@@ -111,12 +119,12 @@ fn stack(
     let capture = &set.captures[scan.capture];
     let cfa = set.cfa();
     let (width, height, n) = (set.sensor.width, set.sensor.height, scan.frames.len());
-    let levels = Levels::new(set, scan, transfer.black);
+    let levels = FrameLevels::new(set, scan, transfer.black);
     let mut out = Stack {
         found: Vec::new(),
         changes: Vec::new(),
         lags: Lags::new(index),
-        rows: Rows { stack: index, sums: vec![Vec::with_capacity(height); n], width },
+        rows: RowSums { stack: index, sums: vec![Vec::with_capacity(height); n], width },
         limit_dn: f64::INFINITY,
     };
     let clipped = lowest_is_clipped(scan);
@@ -144,7 +152,7 @@ fn stack(
         }
         let found = search.find(&band, &r, cfa.width);
         let scatter = 1.0 + std::f64::consts::PI / 2.0 / (n as f64 - 1.0);
-        out.limit_dn = out.limit_dn.min(search.limit() * (r.typical * scatter).sqrt());
+        out.limit_dn = out.limit_dn.min(search.limit() * (r.typical_variance * scatter).sqrt());
         let masked: Vec<(usize, usize)> = found
             .events
             .iter()
@@ -167,28 +175,33 @@ fn lowest_is_clipped(scan: &Scan) -> bool {
 }
 
 /// Replaces the samples of events, in the sums of rows too.
-fn take_events_off(scans: &[Scan], events: &[Event], stacks: &mut [Stack], done: &mut Changes) {
+fn exclude_events(
+    scans: &[Scan],
+    events: Vec<Event>,
+    stacks: &mut [Stack],
+    out: &mut Corrections,
+) {
     for e in events {
-        let replaced = done.replaced.entry(scans[e.stack].capture).or_default();
-        for (&pixel, &[was, is]) in e.pixels.iter().zip(&e.samples) {
-            replaced.push(Replaced { frame: e.frame, pixel, value: is });
-            let rows = &mut stacks[e.stack].rows;
-            rows.sums[e.frame][pixel as usize / rows.width] += f64::from(is) - f64::from(was);
+        let replaced = out.replaced.entry(scans[e.stack].capture).or_default();
+        for (pixel, sample) in e.pixels.into_iter().zip(e.samples) {
+            replaced.push(Replaced { frame: e.frame, pixel, value: sample.to });
+            stacks[e.stack].update_rows(e.frame, pixel, sample);
         }
     }
 }
 
-/// Pixels that change within stacks, and what is said of them.
+/// Pixels that change within stacks, and the finding about them.
 fn changes_of(
     set: &CaptureSet,
     scans: &[Scan],
     transfer: &Transfer,
     stacks: &[Stack],
 ) -> Result<(Vec<Changed>, Option<Finding>)> {
-    let together = stacks.iter().zip(scans).filter_map(|(stack, scan)| {
-        changes::together(&stack.changes, scan.frames.len()).map(|found| found.1)
-    });
-    let mut pixels: Vec<usize> = together.flatten().map(|c| c.pixel).collect();
+    let simultaneous = stacks
+        .iter()
+        .zip(scans)
+        .filter_map(|(stack, scan)| changes::simultaneous(&stack.changes, scan.frames.len()));
+    let mut pixels: Vec<usize> = simultaneous.flatten().map(|c| c.pixel).collect();
     pixels.sort_unstable();
     pixels.dedup();
     if pixels.is_empty() {
@@ -202,27 +215,25 @@ fn changes_of(
     Ok((changed, Some(finding)))
 }
 
-/// Replaces the samples of pixels that changed.
-fn take_changes_off(
+/// Replaces the samples of pixels that changed, in the sums of rows too.
+fn exclude_changes(
     scans: &[Scan],
-    changed: &[Changed],
+    changed: Vec<Changed>,
     stacks: &mut [Stack],
-    done: &mut Changes,
+    out: &mut Corrections,
 ) {
     for c in changed {
-        let replaced = done.replaced.entry(scans[c.stack].capture).or_default();
-        for (pixel, values) in &c.values {
-            for (i, &[was, is]) in values.iter().enumerate() {
-                let (pixel, frame) = (*pixel, c.from + i);
-                replaced.push(Replaced { frame, pixel, value: is });
-                let rows = &mut stacks[c.stack].rows;
-                rows.sums[frame][pixel as usize / rows.width] += f64::from(is) - f64::from(was);
+        let replaced = out.replaced.entry(scans[c.stack].capture).or_default();
+        for pixel in c.pixels {
+            for (frame, sample) in (c.from..).zip(pixel.samples) {
+                replaced.push(Replaced { frame, pixel: pixel.pixel, value: sample.to });
+                stacks[c.stack].update_rows(frame, pixel.pixel, sample);
             }
         }
     }
 }
 
-/// Looks for marks of compression in the first dark stack and in the brightest flat.
+/// Searches the first dark stack and the brightest unsaturated flat for marks of compression.
 fn transformed(set: &CaptureSet, scans: &[Scan]) -> Result<Option<Finding>> {
     let role = |s: &&Scan| set.captures[s.capture].role;
     let unsaturated = |s: &&Scan| s.saturated(set.sensor.white_level_dn) < CLIPPED;

@@ -1,33 +1,33 @@
-//! Frames that a camera processed before it gave them away: filters make the noise of neighbours
-//! correlate, in dark and light alike, which no sensor does; interpolated pixels of a demosaiced
-//! picture have less noise than those between them, on a checkerboard; transforms in blocks of
-//! 8 x 8 leave their coefficients on steps ([`super::blocks`]).
+//! Frames that a camera processed. Filters correlate the noise of neighbouring pixels, equally in
+//! the dark and in the light, as no sensor does; in demosaiced pictures the interpolated half of a
+//! checkerboard has less noise than the other; compression leaves coefficients on steps
+//! ([`super::blocks`]).
 
-use super::band::Residuals;
 use super::blocks::Blocks;
 use super::finding::{Done, Finding, Kind, names};
+use super::residuals::Residuals;
 use super::scan::Scan;
 use super::transfer::Transfer;
 use camrig_captures::{CaptureSet, Role};
 
-/// Correlation of neighbours that a filter leaves at least. Below it coupling between pixels and
-/// slow amplifiers do as much.
+/// Smallest correlation of neighbours that indicates a filter. Coupling between pixels and slow
+/// amplifiers cause less.
 const MIN_CORRELATION: f64 = 0.01;
-/// Contrast of the noise on the two halves of a checkerboard that interpolation leaves at least:
+/// Smallest contrast of the noise of the two halves of a checkerboard that indicates interpolation:
 /// the mean of two pixels has half of the variance, of four a quarter, contrasts of 0.33 and 0.6.
 const MIN_CONTRAST: f64 = 0.1;
-/// Its errors, 1/√samples, from which it is there.
-const ERRORS: f64 = 6.0;
-/// Largest over smallest correlation over stacks of one filter: what a sensor's own circuits do
-/// to noise changes with the share of shot noise in it.
-const ALIKE: f64 = 1.6;
-/// Variance of the brightest stack over the darkest's from which dark and light differ in their
-/// noise at all.
+/// Standard errors, 1/√samples, from which a correlation or contrast is significant.
+const MIN_ERRORS: f64 = 6.0;
+/// Largest ratio of the correlations of any two stacks that one filter causes: what a sensor's own
+/// circuits cause depends on the share of shot noise.
+const MAX_RATIO: f64 = 1.6;
+/// Ratio of the brightest to the darkest stack's variance from which dark and light differ in
+/// noise.
 const DIFFERENT_NOISE: f64 = 2.0;
-/// Residuals count at most so many standard deviations.
+/// Residuals are clipped to this many standard deviations.
 const CLIP: f64 = 5.0;
 
-/// Correlation of a stack's noise along and down.
+/// Correlation of a stack's noise with the next pixel of the same filter, along rows and columns.
 #[derive(Clone, Debug, Default)]
 pub struct Lags {
     /// Index of the scan.
@@ -46,30 +46,30 @@ impl Lags {
         Self { stack, ..Self::default() }
     }
 
-    /// Adds a band. Rows and columns are made level frame by frame first: noise that a row or a
-    /// column shares is another matter. Neighbours are `period` apart, those of the same filter.
-    /// The band's first row is `first_row` of the frame.
+    /// Adds a band that begins at `first_row` of the frame, for a filter pattern of `across` columns
+    /// and `down` rows. The means of rows and columns are subtracted first, frame by frame: noise
+    /// that a row or a column shares is not a filter's.
     pub fn add(&mut self, r: &Residuals, (across, down): (usize, usize), first_row: usize) {
         let (n, width) = (r.frames, r.width);
         let height = r.median.len() / width;
         if n < 3 || width <= across || height <= down {
             return;
         }
-        let limit = (CLIP * r.typical.sqrt()) as f32;
+        let limit = (CLIP * r.typical_variance.sqrt()) as f32;
         let mut plane = vec![0.0f32; width * height];
         for i in 0..n {
             for (o, v) in plane.iter_mut().zip(r.values.iter().skip(i).step_by(n)) {
                 *o = v.clamp(-limit, limit);
             }
-            level(&mut plane, width);
-            let product = |apart: usize, keep: &dyn Fn(usize) -> bool| {
-                let pairs = plane.iter().zip(&plane[apart..]).enumerate();
+            subtract_means(&mut plane, width);
+            let product = |distance: usize, keep: &dyn Fn(usize) -> bool| {
+                let pairs = plane.iter().zip(&plane[distance..]).enumerate();
                 let kept = pairs.filter(|(p, _)| keep(p % width));
                 kept.fold((0.0, 0.0), |(s, k), (_, (a, b))| (s + f64::from(a * b), k + 1.0))
             };
-            let beside = product(across, &|x| x + across < width);
+            let right = product(across, &|x| x + across < width);
             let below = product(down * width, &|_| true);
-            for (k, (sum, count)) in [beside, below].into_iter().enumerate() {
+            for (k, (sum, count)) in [right, below].into_iter().enumerate() {
                 self.products[k] += sum;
                 self.pairs[k] += count;
             }
@@ -80,31 +80,35 @@ impl Lags {
                 }
             }
         }
-        // Levels of rows and columns make the rest of w pixels correlate by −1/w.
-        let own = [1.0 / width as f64, 1.0 / height as f64];
+        // Subtracting the mean of w pixels correlates them by −1/w.
+        let bias = [1.0 / width as f64, 1.0 / height as f64];
         let variance = self.squares / (self.samples + (n * plane.len()) as f64).max(1.0);
         for k in 0..2 {
-            self.products[k] += own[k] * variance * (n * plane.len()) as f64;
+            self.products[k] += bias[k] * variance * (n * plane.len()) as f64;
         }
         self.samples += (n * plane.len()) as f64;
     }
 
-    /// Contrast of the noise on the two halves of a checkerboard, and its standard error for normal
-    /// noise.
-    fn contrast(&self) -> (f64, f64) {
+    /// Contrast of the variance of the two halves of a checkerboard.
+    fn contrast(&self) -> f64 {
         let [a, b] = self.checkers;
-        ((a - b) / (a + b).max(1e-12), (2.0 / self.samples.max(1.0)).sqrt())
+        (a - b) / (a + b).max(1e-12)
     }
 
-    /// Correlation along and down.
+    /// Standard error of the contrast for normal noise.
+    fn contrast_error(&self) -> f64 {
+        (2.0 / self.samples.max(1.0)).sqrt()
+    }
+
+    /// Correlation along rows and along columns.
     fn correlation(&self) -> [f64; 2] {
         let variance = (self.squares / self.samples.max(1.0)).max(1e-12);
         [0, 1].map(|k| self.products[k] / self.pairs[k].max(1.0) / variance)
     }
 }
 
-/// Takes the means of rows and columns off.
-fn level(plane: &mut [f32], width: usize) {
+/// Subtracts the means of rows, then those of columns.
+fn subtract_means(plane: &mut [f32], width: usize) {
     let height = plane.len() / width;
     let mut columns = vec![0.0f32; width];
     for row in plane.chunks_mut(width) {
@@ -118,9 +122,9 @@ fn level(plane: &mut [f32], width: usize) {
     }
 }
 
-/// Frames of a sensor without filters that a camera demosaiced: what is said of them. In the light
-/// pixels of different filters differ in their noise on any sensor; in the dark, and as much, they
-/// do not.
+/// The finding about frames of a set without colour filters that a camera demosaiced. In the light,
+/// pixels of different filters differ in noise on any sensor; in the dark, and by the same ratio,
+/// they do not.
 pub fn demosaiced(set: &CaptureSet, scans: &[Scan], lags: &[Lags]) -> Option<Finding> {
     let lags: Vec<&Lags> = lags.iter().filter(|l| l.samples > 0.0).collect();
     let role = |l: &Lags| set.captures[scans[l.stack].capture].role;
@@ -128,31 +132,32 @@ pub fn demosaiced(set: &CaptureSet, scans: &[Scan], lags: &[Lags]) -> Option<Fin
     if set.cfa().channels().len() > 1 || !has(Role::Dark) || !has(Role::Flat) {
         return None;
     }
-    let contrasts: Vec<(f64, f64)> = lags.iter().map(|l| l.contrast()).collect();
-    let there = contrasts.iter().all(|(c, error)| {
-        c.abs() > MIN_CONTRAST.max(ERRORS * error) && c.signum() == contrasts[0].0.signum()
+    let contrasts: Vec<f64> = lags.iter().map(|l| l.contrast()).collect();
+    let significant = lags.iter().zip(&contrasts).all(|(l, c)| {
+        c.abs() > MIN_CONTRAST.max(MIN_ERRORS * l.contrast_error())
+            && c.signum() == contrasts[0].signum()
     });
-    let sizes = || contrasts.iter().map(|c| c.0.abs());
+    let sizes = || contrasts.iter().map(|c| c.abs());
     let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
-    if !there || high > ALIKE * low {
+    if !significant || high > MAX_RATIO * low {
         return None;
     }
     let mean = sizes().sum::<f64>() / contrasts.len() as f64;
     let ids: Vec<&str> =
         lags.iter().map(|l| set.captures[scans[l.stack].capture].id.as_str()).collect();
-    let mut finding = Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Said);
+    let mut finding = Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Reported);
     finding.count = lags.len();
-    Some(finding.amount((1.0 - mean) / (1.0 + mean), f64::NAN, "1").says(format!(
-        "the frames were processed: on one half of a checkerboard the noise has {:.2} times the \
-         variance of the other half, in the dark and in the light alike ({}), as interpolated \
-         pixels of a demosaiced picture have. Variances are not those of the sensor, and no effect \
-         of it is named from them: take raw frames",
+    Some(finding.with_amount((1.0 - mean) / (1.0 + mean), f64::NAN, "1").with_description(format!(
+        "the frames were processed: the noise of one half of a checkerboard has {:.2} times the \
+         variance of the other half, equally in the dark and in the light ({}), like the \
+         interpolated pixels of a demosaiced picture. Variances are not those of the sensor, and no \
+         effect is identified from them: take raw frames",
         (1.0 - mean) / (1.0 + mean),
         names(&ids),
     )))
 }
 
-/// Frames that a camera filtered: what is said of them.
+/// The finding about frames that a camera filtered.
 pub fn filtered(
     set: &CaptureSet,
     scans: &[Scan],
@@ -163,7 +168,7 @@ pub fn filtered(
     let role = |l: &Lags| set.captures[scans[l.stack].capture].role;
     let variances = |r: Role| {
         let of = lags.iter().filter(move |l| role(l) == r);
-        of.map(|l| transfer.points[l.stack].1).collect::<Vec<f64>>()
+        of.map(|l| transfer.points[l.stack].variance_dn2).collect::<Vec<f64>>()
     };
     let darkest = variances(Role::Dark).into_iter().fold(f64::INFINITY, f64::min);
     let brightest = variances(Role::Flat).into_iter().fold(0.0, f64::max);
@@ -172,13 +177,13 @@ pub fn filtered(
     }
     let correlations: Vec<[f64; 2]> = lags.iter().map(|l| l.correlation()).collect();
     for k in 0..2 {
-        let there = lags.iter().zip(&correlations).all(|(l, c)| {
-            c[k].abs() > MIN_CORRELATION.max(ERRORS / l.samples.sqrt())
+        let significant = lags.iter().zip(&correlations).all(|(l, c)| {
+            c[k].abs() > MIN_CORRELATION.max(MIN_ERRORS / l.samples.sqrt())
                 && c[k].signum() == correlations[0][k].signum()
         });
         let sizes = || correlations.iter().map(|c| c[k].abs());
         let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
-        if !there || high > ALIKE * low {
+        if !significant || high > MAX_RATIO * low {
             return None;
         }
     }
@@ -186,28 +191,28 @@ pub fn filtered(
     let ids: Vec<&str> =
         lags.iter().map(|l| set.captures[scans[l.stack].capture].id.as_str()).collect();
     let what = if mean(0) > 0.0 { "smoothed" } else { "sharpened" };
-    let mut finding = Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Said);
+    let mut finding = Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Reported);
     finding.count = lags.len();
-    Some(finding.amount(mean(0), f64::NAN, "1").says(format!(
-        "the frames were processed: the noise of neighbouring pixels of a filter correlates by \
-         {:.3} along rows and {:.3} along columns, in the dark and in the light alike ({}), as \
-         frames do that a camera {what}. Variances are not those of the sensor, and no effect of \
-         it is named from them: take raw frames with the camera's filters off",
+    Some(finding.with_amount(mean(0), f64::NAN, "1").with_description(format!(
+        "the frames were processed: the correlation of neighbouring pixels' noise is {:.3} along \
+         rows and {:.3} along columns, equally in the dark and in the light ({}), as in frames that \
+         a camera {what}. Variances are not those of the sensor, and no effect is identified from \
+         them: take raw frames with the camera's filters off",
         mean(0),
         mean(1),
         names(&ids),
     )))
 }
 
-/// Frames that were transformed in blocks of 8 x 8: what is said of them.
+/// The finding about frames that were compressed in blocks of 8 x 8.
 pub fn transformed(set: &CaptureSet, scan: &Scan, blocks: &Blocks) -> Finding {
     let id = &set.captures[scan.capture].id;
-    let mut finding = Finding::new(Kind::ProcessedFrames, id.clone(), Done::Said);
+    let mut finding = Finding::new(Kind::ProcessedFrames, id.clone(), Done::Reported);
     finding.count = 1;
-    finding.amount(blocks.step_dn, f64::NAN, "DN").says(format!(
+    finding.with_amount(blocks.step_dn, f64::NAN, "DN").with_description(format!(
         "the frames were processed: coefficients of cosine transforms in blocks of 8 x 8 pixels \
-         lie on steps of {:.2} DN, as lossy compression leaves them (strength {:.0} at the blocks' \
-         own place, {:.1} at others, chance gives up to {:.1}). No effect of the sensor is named \
+         are multiples of {:.2} DN, as after lossy compression (test statistic {:.0} at the position \
+         of a coder's blocks, {:.1} elsewhere, limit {:.1}). No effect of the sensor is identified \
          from them: take raw frames without lossy compression",
         blocks.step_dn, blocks.strength, blocks.elsewhere, blocks.limit,
     ))

@@ -1,4 +1,4 @@
-//! One pass over the frames of a stack: what each frame is as a whole, and which codes occur.
+//! One pass over the frames of a stack: the level of each frame and the histogram of codes.
 
 use super::band::Band;
 use camrig_base::copies::Print;
@@ -6,37 +6,37 @@ use camrig_base::{Plane, Result};
 use camrig_captures::{Capture, CaptureSet, Role};
 use rayon::prelude::*;
 
-/// Codes of 16-bit samples.
+/// Number of codes of 16-bit samples.
 const CODES: usize = 1 << 16;
-/// Share of the samples at either end of the first frame's histogram that is taken off before its
-/// width is measured, so that defective pixels do not make it.
-const ENDS: f64 = 0.01;
-/// Samples count at most so many widths beyond these ends, so that particles do not move a
+/// Share of the samples at either end of the first frame's histogram that is ignored when its
+/// width is measured, so that defective pixels do not determine it.
+const TAILS: f64 = 0.01;
+/// Samples are clipped to this many widths beyond these ends, so that particles do not shift a
 /// frame's level; a lamp or an offset that changes by less does.
 const REACH: f64 = 3.0;
 
-/// Pixels in the middle rows of a stack that are kept, and frames of them, at most: enough for a
+/// Most pixels of the middle rows of a stack that are kept, and most frames of them: enough for a
 /// variance to 0.2 %.
-const SAMPLE: (usize, usize) = (1 << 14, 64);
+const MAX_SAMPLE_PIXELS: usize = 1 << 14;
+const MAX_SAMPLE_FRAMES: usize = 64;
 
-/// A dark or flat stack as a whole.
+/// Summary of a dark or flat stack.
 pub struct Scan {
     /// Index of the capture in its set.
     pub capture: usize,
     /// Its frames in order of time.
     pub frames: Vec<Frame>,
-    /// Samples of each code.
+    /// Number of samples of each code.
     pub codes: Vec<u64>,
-    /// Its middle rows.
+    /// Its middle rows, for estimates of the variance.
     pub sample: Band,
 }
 
-/// A frame as a whole.
+/// Summary of a frame.
 pub struct Frame {
-    /// What it shares with its copies alone, where it can have no others.
+    /// Fingerprint shared only by copies; `None` where distinct frames may be equal.
     pub print: Option<Print>,
-    /// Mean of its samples for each place in the colour filter pattern, DN; samples far outside
-    /// the rest count as at the border.
+    /// Mean of its samples for each position in the colour filter pattern, DN, outliers clipped.
     pub levels: Vec<f64>,
 }
 
@@ -49,18 +49,18 @@ impl Scan {
         let cfa = set.cfa();
         let pattern = (cfa.width, cfa.height);
         let (width, height) = (set.sensor.width, set.sensor.height);
-        // Whole periods of the pattern from its first row on.
-        let rows = (SAMPLE.0 / width).clamp(cfa.height, height.max(cfa.height));
+        // Whole periods of the pattern.
+        let rows = (MAX_SAMPLE_PIXELS / width).clamp(cfa.height, height.max(cfa.height));
         let first = (height.saturating_sub(rows) / 2) / cfa.height * cfa.height;
         let (mut kept, mut codes) = (Vec::new(), vec![0; CODES]);
         let mut frames: Vec<Frame> = Vec::new();
-        let mut bounds: Option<Vec<(f64, f64)>> = None;
+        let mut bounds: Option<Vec<Bounds>> = None;
         set.for_each_batch(&set.captures[index], |planes| {
             let bounds = bounds.get_or_insert_with(|| bounds_of(&planes[0], pattern));
             frames.par_extend(planes.par_iter().map(|plane| Frame::of(plane, pattern, bounds)));
             for plane in planes {
                 plane.data.iter().for_each(|&v| codes[usize::from(v)] += 1);
-                if kept.len() < SAMPLE.1 {
+                if kept.len() < MAX_SAMPLE_FRAMES {
                     let rows = plane.data.chunks(width).skip(first).take(rows);
                     kept.push(rows.flatten().copied().collect::<Vec<u16>>());
                 }
@@ -76,7 +76,7 @@ impl Scan {
         levels.iter().sum::<f64>() / levels.len() as f64
     }
 
-    /// Mean level of all frames for each place in the colour filter pattern, DN.
+    /// Mean level of all frames for each position in the colour filter pattern, DN.
     pub fn site_levels(&self) -> Vec<f64> {
         let sites = self.frames.first().map_or(0, |f| f.levels.len());
         let n = self.frames.len().max(1) as f64;
@@ -89,7 +89,7 @@ impl Scan {
         levels.iter().sum::<f64>() / levels.len().max(1) as f64
     }
 
-    /// Share of samples at `white` and above.
+    /// Share of samples at or above `white`.
     pub fn saturated(&self, white: u16) -> f64 {
         let all: u64 = self.codes.iter().sum();
         self.codes[usize::from(white)..].iter().sum::<u64>() as f64 / all.max(1) as f64
@@ -97,15 +97,14 @@ impl Scan {
 }
 
 impl Frame {
-    fn of(plane: &Plane<u16>, (across, down): (usize, usize), bounds: &[(f64, f64)]) -> Self {
+    fn of(plane: &Plane<u16>, (across, down): (usize, usize), bounds: &[Bounds]) -> Self {
         let mut sums = vec![0.0; across * down];
         let mut counts = vec![0usize; across * down];
         for (y, row) in plane.data.chunks(plane.width).enumerate() {
             let first = y % down * across;
             for (x, &v) in row.iter().enumerate() {
                 let site = first + x % across;
-                let (low, high) = bounds[site];
-                sums[site] += f64::from(v).clamp(low, high);
+                sums[site] += f64::from(v).clamp(bounds[site].low, bounds[site].high);
                 counts[site] += 1;
             }
         }
@@ -114,28 +113,34 @@ impl Frame {
     }
 }
 
-/// For each place in the pattern, between which codes samples count as they are.
-fn bounds_of(plane: &Plane<u16>, (across, down): (usize, usize)) -> Vec<(f64, f64)> {
+/// The range that samples are clipped to, DN.
+struct Bounds {
+    low: f64,
+    high: f64,
+}
+
+/// The bounds for each position in the pattern.
+fn bounds_of(plane: &Plane<u16>, (across, down): (usize, usize)) -> Vec<Bounds> {
     (0..across * down)
         .map(|site| {
             let rows = plane.data.chunks(plane.width).skip(site / across).step_by(down);
             let mut values: Vec<u16> =
                 rows.flat_map(|r| r.iter().skip(site % across).step_by(across)).copied().collect();
             if values.is_empty() {
-                return (0.0, f64::from(u16::MAX));
+                return Bounds { low: 0.0, high: f64::from(u16::MAX) };
             }
-            let end = (ENDS * values.len() as f64) as usize;
+            let end = (TAILS * values.len() as f64) as usize;
             let last = values.len() - 1 - end;
             let low = f64::from(*values.select_nth_unstable(end).1);
             let high = f64::from(*values.select_nth_unstable(last).1);
             let reach = REACH * (high - low + 1.0);
-            (low - reach, high + reach)
+            Bounds { low: low - reach, high: high + reach }
         })
         .collect()
 }
 
-/// The captures of a set that are dark or flat stacks.
-pub fn of_light(set: &CaptureSet) -> impl Iterator<Item = (usize, &Capture)> {
+/// The dark and flat stacks of a set, with their index.
+pub fn darks_and_flats(set: &CaptureSet) -> impl Iterator<Item = (usize, &Capture)> {
     let captures = set.captures.iter().enumerate();
     captures.filter(|(_, c)| matches!(c.role, Role::Dark | Role::Flat))
 }

@@ -1,25 +1,25 @@
 //! Stacks whose temperature the manifest does not give.
 
 use super::finding::{Done, Finding, Kind};
-use super::scan::of_light;
+use super::scan::darks_and_flats;
 use camrig_captures::CaptureSet;
 
-/// What is said of dark and flat stacks without a temperature.
+/// The finding about dark and flat stacks without a temperature.
 pub fn finding(set: &CaptureSet) -> Option<Finding> {
-    let unknown: Vec<&str> = of_light(set)
+    let unknown: Vec<&str> = darks_and_flats(set)
         .filter(|(_, c)| c.temperature_c.is_none())
         .map(|(_, c)| c.id.as_str())
         .collect();
     if unknown.is_empty() {
         return None;
     }
-    let all = of_light(set).count();
-    let mut finding = Finding::new(Kind::Temperature, unknown.join(", "), Done::Said);
+    let all = darks_and_flats(set).count();
+    let mut finding = Finding::new(Kind::Temperature, unknown.join(", "), Done::Reported);
     finding.count = unknown.len();
-    Some(finding.says(format!(
-        "the temperature is not given for {} of {all} dark and flat stacks: that of the camera \
-         file is assumed. An odd dark current may be an odd temperature, which these captures do \
-         not tell apart; add temperature_c to captures.toml",
+    Some(finding.with_description(format!(
+        "captures.toml has no temperature for {} of {all} dark and flat stacks; that of the camera \
+         file is assumed. These captures cannot distinguish an unusual dark current from an \
+         unusual temperature; add temperature_c",
         unknown.len(),
     )))
 }

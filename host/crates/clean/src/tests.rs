@@ -1,4 +1,4 @@
-//! Capture sets by equations of their own, each with one thing hidden.
+//! Simulated capture sets, from equations independent of the sensor model, each with one nuisance.
 
 use super::*;
 use camrig_base::Plane;
@@ -16,7 +16,7 @@ const BLACK: f64 = 80.0;
 const K: f64 = 0.5;
 const READ_E: f64 = 4.0;
 
-/// A stack to be made: id, electrons of light, exposure, frames.
+/// A stack to simulate: id, electrons of light, exposure, frames.
 type Plan = (&'static str, f64, f64, usize);
 
 const PLAN: [Plan; 8] = [
@@ -32,12 +32,12 @@ const PLAN: [Plan; 8] = [
 
 type Random = Xoshiro256PlusPlus;
 
-/// A change of a frame's electrons, of its stack and number.
+/// Changes a frame's electrons, given its stack and number.
 type OnElectrons<'a> = dyn FnMut(&mut [f64], &Plan, usize) + 'a;
-/// A change of a frame's DN, of its number.
+/// Changes a frame's DN, given its number.
 type OnCodes<'a> = dyn FnMut(&mut [f64], usize) + 'a;
 
-/// What is done to each frame: mean electrons of light, electrons after noise, DN.
+/// Changes to each frame: to the mean electrons of light, the electrons with noise, the DN.
 #[derive(Default)]
 struct Hooks<'a> {
     light: Option<&'a dyn Fn(f64, usize, usize) -> f64>,
@@ -45,7 +45,7 @@ struct Hooks<'a> {
     codes: Option<&'a mut OnCodes<'a>>,
 }
 
-/// Makes a set; `stated` over true light of each stack.
+/// Simulates a set; `stated` gives the stated over the true light of each stack.
 fn set(
     folder: &Path,
     seed: u64,
@@ -100,11 +100,11 @@ fn set(
     CaptureSet::load(folder).unwrap()
 }
 
-fn looked(seed: u64, hooks: Hooks<'_>) -> Cleaned {
+fn inspected(seed: u64, hooks: Hooks<'_>) -> Cleaned {
     let folder = tempfile::tempdir().unwrap();
     let set = set(folder.path(), seed, &PLAN, hooks, &|_| 1.0);
-    let cleaned = Cleaned::look(set, &|_| ()).unwrap();
-    // Frames are read again while the folder is there.
+    let cleaned = Cleaned::inspect(set, &Options::default()).unwrap();
+    // Frames are read again while the folder exists.
     let variance = dark_variance(&cleaned);
     let expected = K * K * (READ_E * READ_E + 0.2) + 1.0 / 12.0;
     let unsteady = |f: &Finding| !matches!(f.kind, Kind::ParticleHits | Kind::DefectsAppear);
@@ -140,27 +140,27 @@ fn only(cleaned: &Cleaned) -> &Finding {
 }
 
 #[test]
-fn nothing_is_found_where_nothing_is_hidden() {
+fn nothing_is_found_in_clean_sets() {
     for seed in 1..6 {
-        let clean = looked(seed, Hooks::default());
+        let clean = inspected(seed, Hooks::default());
         assert_eq!(clean.findings, [], "seed {seed}");
     }
 }
 
 #[test]
-fn offsets_of_frames_and_flicker_are_no_curve_and_no_events() {
+fn random_offsets_of_frames_are_neither_a_curve_nor_events() {
     let mut random = Random::seed_from_u64(77);
     let unit = Normal::new(0.0, 1.0).unwrap();
     let mut offsets = |e: &mut [f64], _: &Plan, _: usize| {
         let z: f64 = unit.sample(&mut random);
         e.iter_mut().for_each(|v| *v += 3.0 * z);
     };
-    let found = looked_at(7, Hooks { electrons: Some(&mut offsets), ..Hooks::default() });
+    let found = findings_of(7, Hooks { electrons: Some(&mut offsets), ..Hooks::default() });
     assert_eq!(found, []);
 }
 
 #[test]
-fn particle_hits_are_counted_and_left_out() {
+fn particle_hits_are_counted_and_excluded() {
     let mut random = Random::seed_from_u64(88);
     let charge = Exp::new(1.0 / 500.0).unwrap();
     let mut hits = |e: &mut [f64], (_, _, exposure_s, _): &Plan, _: usize| {
@@ -174,9 +174,9 @@ fn particle_hits_are_counted_and_left_out() {
             e[at as usize + 1] += 0.33 * q;
         }
     };
-    let clean = looked(8, Hooks { electrons: Some(&mut hits), ..Hooks::default() });
+    let clean = inspected(8, Hooks { electrons: Some(&mut hits), ..Hooks::default() });
     let found = only(&clean);
-    assert_eq!((found.kind, found.done), (Kind::ParticleHits, Done::LeftOut));
+    assert_eq!((found.kind, found.done), (Kind::ParticleHits, Done::Excluded));
     let rate = found.rate.unwrap();
     let (b, se) = (rate.per_s.unwrap(), rate.per_s_std_error.unwrap());
     // Small charges stay below the limit: a tenth in the darks.
@@ -185,7 +185,7 @@ fn particle_hits_are_counted_and_left_out() {
 }
 
 #[test]
-fn telegraph_noise_and_wide_tails_are_no_hits() {
+fn telegraph_noise_and_heavy_tails_are_not_hits() {
     let mut random = Random::seed_from_u64(99);
     let even = rand_distr::Uniform::new(0.0, 1.0).unwrap();
     let pixels: Vec<usize> = (0..25).map(|i| (i * 977 + 31) % (W * H)).collect();
@@ -196,7 +196,7 @@ fn telegraph_noise_and_wide_tails_are_no_hits() {
             }
         }
     };
-    let clean = looked_at(9, Hooks { electrons: Some(&mut jumps), ..Hooks::default() });
+    let clean = findings_of(9, Hooks { electrons: Some(&mut jumps), ..Hooks::default() });
     assert!(clean.is_empty(), "{clean:#?}");
     let mut random = Random::seed_from_u64(98);
     let mut tails = |e: &mut [f64], _: &Plan, _: usize| {
@@ -211,23 +211,23 @@ fn telegraph_noise_and_wide_tails_are_no_hits() {
             };
         }
     };
-    let clean = looked_at(10, Hooks { electrons: Some(&mut tails), ..Hooks::default() });
+    let clean = findings_of(10, Hooks { electrons: Some(&mut tails), ..Hooks::default() });
     assert!(clean.is_empty(), "{clean:#?}");
 }
 
-fn looked_at(seed: u64, hooks: Hooks<'_>) -> Vec<Finding> {
+fn findings_of(seed: u64, hooks: Hooks<'_>) -> Vec<Finding> {
     let folder = tempfile::tempdir().unwrap();
     let set = set(folder.path(), seed, &PLAN, hooks, &|_| 1.0);
-    Cleaned::look(set, &|_| ()).unwrap().findings
+    Cleaned::inspect(set, &Options::default()).unwrap().findings
 }
 
 #[test]
-fn a_wrong_label_is_named_and_corrected() {
+fn a_wrong_label_is_found_and_corrected() {
     let folder = tempfile::tempdir().unwrap();
     let wrong = |id: &str| if id == "flat-d" { 0.94 } else { 1.0 };
     let set = set(folder.path(), 11, &PLAN, Hooks::default(), &wrong);
     let stated = set.captures[5].light.as_ref().unwrap().photons_per_pixel_per_s.unwrap();
-    let clean = Cleaned::new(set, &|_| ()).unwrap();
+    let clean = Cleaned::new(set, &Options::default()).unwrap();
     let found = only(&clean);
     assert_eq!((found.kind, found.place.as_str()), (Kind::LightLabel, "flat-d"));
     assert!((found.amount.unwrap() - 0.94).abs() < 2e-3, "{found:?}");
@@ -243,7 +243,7 @@ fn pixels_that_break_are_found_with_their_frame() {
             broken.iter().for_each(|&p| e[p] += 110.0);
         }
     };
-    let clean = looked(12, Hooks { electrons: Some(&mut damage), ..Hooks::default() });
+    let clean = inspected(12, Hooks { electrons: Some(&mut damage), ..Hooks::default() });
     let found = only(&clean);
     assert_eq!((found.kind, found.count), (Kind::DefectsAppear, 14));
     assert!(found.frames.contains(&8) && found.frames.contains(&6), "{found:?}");
@@ -257,23 +257,25 @@ fn start_up_and_drift_of_the_lamp_have_their_amplitudes() {
         let more = 7.0 * (-(i as f64) / 2.0).exp();
         e.iter_mut().for_each(|v| *v += more);
     };
-    let clean = looked(13, Hooks { electrons: Some(&mut first), ..Hooks::default() });
+    let clean = inspected(13, Hooks { electrons: Some(&mut first), ..Hooks::default() });
     let found = only(&clean);
     assert_eq!(found.kind, Kind::StartUp);
     assert!((found.amount.unwrap() - 7.0 * K).abs() < 0.15, "{found:?}");
-    let Shape::Decay(tau) = clean.curve().unwrap().shape else { panic!("{:?}", clean.curve()) };
+    let CurveShape::Decay(tau) = clean.curve().unwrap().shape else {
+        panic!("{:?}", clean.curve())
+    };
     assert!((tau - 2.0).abs() < 0.2, "{tau}");
 
     let lamp =
         |light: f64, i: usize, n: usize| light * (1.0 + 0.012 * i as f64 / (n as f64 - 1.0));
-    let clean = looked(14, Hooks { light: Some(&lamp), ..Hooks::default() });
+    let clean = inspected(14, Hooks { light: Some(&lamp), ..Hooks::default() });
     let found = only(&clean);
     assert_eq!(found.kind, Kind::LampDrift);
     assert!((found.amount.unwrap() - 1.2).abs() < 0.1, "{found:?}");
 }
 
 #[test]
-fn processed_frames_are_told() {
+fn processed_frames_are_found() {
     let mut smooth = |dn: &mut [f64], _: usize| {
         let old = dn.to_vec();
         for y in 0..H {
@@ -291,7 +293,7 @@ fn processed_frames_are_told() {
             }
         }
     };
-    let found = looked_at(15, Hooks { codes: Some(&mut smooth), ..Hooks::default() });
+    let found = findings_of(15, Hooks { codes: Some(&mut smooth), ..Hooks::default() });
     assert!(found.len() == 1 && found[0].kind == Kind::ProcessedFrames, "{found:#?}");
 
     // The green of a demosaiced picture: between its pixels, means of their neighbours.
@@ -303,11 +305,11 @@ fn processed_frames_are_told() {
             }
         }
     };
-    let found = looked_at(17, Hooks { codes: Some(&mut interpolate), ..Hooks::default() });
+    let found = findings_of(17, Hooks { codes: Some(&mut interpolate), ..Hooks::default() });
     assert!(found.len() == 1 && found[0].kind == Kind::ProcessedFrames, "{found:#?}");
     assert!(found[0].description.contains("demosaiced"), "{found:#?}");
-    // A quarter of the variance, but for the border, which is as it was; rounding adds a twelfth of
-    // a DN² to the 1 DN² of the darks.
+    // A quarter of the variance, except for the border, which is unchanged; rounding adds a twelfth
+    // of a DN² to the 1 DN² of the darks.
     let inside = ((W - 2) * (H - 2)) as f64 / (W * H) as f64;
     let expected = 1.0 - 0.75 * inside;
     assert!((found[0].amount.unwrap() - expected).abs() < 0.03, "{found:#?}");
@@ -347,7 +349,7 @@ fn processed_frames_are_told() {
             }
         }
     };
-    let found = looked_at(16, Hooks { codes: Some(&mut compress), ..Hooks::default() });
+    let found = findings_of(16, Hooks { codes: Some(&mut compress), ..Hooks::default() });
     let marks: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::ProcessedFrames).collect();
     assert_eq!(marks.len(), 1, "{found:#?}");
     assert!((marks[0].amount.unwrap() - 6.0).abs() < 0.2, "{found:#?}");
@@ -365,7 +367,7 @@ fn left_justified_samples_are_divided() {
         Hooks { codes: Some(&mut shifted), ..Hooks::default() },
         &|_| 1.0,
     );
-    let clean = Cleaned::new(set, &|_| ()).unwrap();
+    let clean = Cleaned::new(set, &Options::default()).unwrap();
     let found = only(&clean);
     assert_eq!((found.kind, found.amount), (Kind::CodeStep, Some(8.0)));
     assert_eq!((clean.set().sensor.bits, clean.set().sensor.white_level_dn), (9, 511));

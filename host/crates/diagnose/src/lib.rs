@@ -28,7 +28,7 @@
 //! # fn main() -> camrig_base::Result<()> {
 //! let camera = camrig_camera::Camera::load("camera.toml")?;
 //! let set = camrig_captures::CaptureSet::load("captures".as_ref())?;
-//! let cleaned = camrig_clean::Cleaned::new(set, &|_frames| ())?;
+//! let cleaned = camrig_clean::Cleaned::new(set, &Default::default())?;
 //! let camera = camrig_diagnose::data::codes::camera_of(&camera, &cleaned);
 //! let set = cleaned.set();
 //! let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<_>, _>>()?;

@@ -67,7 +67,7 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
     let t = &fit.stacks[own];
     let (w, h) = (t.width, t.height);
     // Two-sided, for the most of all pixels.
-    let z = tails::deviate(libm::log(FALSE_ALARMS / (2.0 * a.len() as f64)));
+    let z = tails::normal_quantile(libm::log(FALSE_ALARMS / (2.0 * a.len() as f64)));
     let (least, least_again) = (z * sd_a, z / 2.0 * sd_b);
     let inner = |i: usize| (1..w - 1).contains(&(i % w)) && (1..h - 1).contains(&(i / w));
     let seen = |i: &usize| {
@@ -135,7 +135,7 @@ impl Shape for Outliers {
         let low = share * self.below as f64 / self.offsets.len() as f64;
         // From the deviate beyond which pixels are off, the quantiles of an exponential law.
         let tail = |share: f64| -> Vec<(f64, f64)> {
-            let from = tails::deviate(libm::log(share.max(1e-12)));
+            let from = tails::normal_quantile(libm::log(share.max(1e-12)));
             let knot = |i: usize| {
                 let z = from + (FARTHEST - from) * i as f64 / (KNOTS - 1) as f64;
                 (z, libm::log(share) - tails::ln_upper(z))

@@ -7,7 +7,7 @@ use crate::seen::Seen;
 use crate::view::{View, gain};
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Curve as Knots, Empirical, Table};
-use camrig_clean::{Curve, Shape as Course};
+use camrig_clean::{CurveShape, FrameCurve};
 use camrig_diagnose::data::design::Design;
 use camrig_diagnose::evidence::Estimated;
 use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
@@ -20,7 +20,7 @@ const OVER: f64 = 7.0;
 const MAX_FRAMES: usize = 128;
 
 struct StartUp {
-    curve: Curve,
+    curve: FrameCurve,
     /// DN per electron.
     gain: f64,
     /// Frames of each stack.
@@ -29,16 +29,16 @@ struct StartUp {
 
 /// The curve as a shape, where one amount in electrons describes it: under one gain, and stacks of
 /// one length if it has no end of its own.
-pub(crate) fn of(camera: &Camera, design: &Design, curve: Curve) -> Option<Box<dyn Shape>> {
+pub(crate) fn of(camera: &Camera, design: &Design, curve: FrameCurve) -> Option<Box<dyn Shape>> {
     let first = design.conditions.first()?;
     let (gain, frames) = (gain(camera, first), first.stack.total);
     let alike = |c: &camrig_diagnose::data::design::Condition| {
         c.stack.analog_gain == first.stack.analog_gain
-            && (matches!(curve.shape, Course::Decay(_)) || c.stack.total == frames)
+            && (matches!(curve.shape, CurveShape::Decay(_)) || c.stack.total == frames)
     };
     let short = match curve.shape {
-        Course::Decay(tau) => OVER * tau < MAX_FRAMES as f64,
-        Course::Line => true,
+        CurveShape::Decay(tau) => OVER * tau < MAX_FRAMES as f64,
+        CurveShape::Line => true,
     };
     let sound = short && design.conditions.iter().all(alike);
     sound.then(|| Box::new(StartUp { curve, gain, frames }) as Box<dyn Shape>)
@@ -48,13 +48,13 @@ impl StartUp {
     fn knots(&self) -> Knots {
         match self.curve.shape {
             // All frames up to its end are knots, so that nothing lies between two.
-            Course::Decay(tau) => {
+            CurveShape::Decay(tau) => {
                 let end = (OVER * tau).ceil() as usize;
                 let value = |i| if i < end { self.curve.shape.at(i, self.frames) } else { 0.0 };
                 let (at, values) = (0..=end).map(|i| (i as f64, value(i))).unzip();
                 Knots { at, values }
             }
-            Course::Line => {
+            CurveShape::Line => {
                 let last = self.frames.saturating_sub(1).max(1) as f64;
                 Knots { at: vec![0.0, last], values: vec![-0.5, 0.5] }
             }
@@ -93,12 +93,12 @@ impl Shape for StartUp {
         let amount = self.amount_e();
         let mut parameters = vec![("amplitude_e", amount)];
         let how = match self.curve.shape {
-            Course::Decay(tau) => {
+            CurveShape::Decay(tau) => {
                 let tau = Estimated { value: tau, se: self.curve.tau_std_error };
                 parameters.push(("length_frames", tau));
                 format!("at the first frame, falling by a factor e every {} frames", number(tau))
             }
-            Course::Line => "from the first frame of a stack to its last".to_string(),
+            CurveShape::Line => "from the first frame of a stack to its last".to_string(),
         };
         let fall = (amount.value / amount.se).powi(2);
         vec![Finding {

@@ -96,7 +96,7 @@ pub(crate) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
         return None;
     }
     // Two-sided, for the best of so many lines.
-    let z = tails::deviate(libm::log(FALSE_ALARMS / (2.0 * (profiles * n) as f64)));
+    let z = tails::normal_quantile(libm::log(FALSE_ALARMS / (2.0 * (profiles * n) as f64)));
     let limit = z * z;
     let smooth = SMOOTH.iter().filter(|(d, c)| LINES_PER_TERM * (d + c) < n);
     let mut best: Option<(f64, Steps)> = None;

@@ -44,7 +44,7 @@ pub(super) fn statistics(map: &Map, out: &mut Collected) {
     let columns = spread_of_squares(s.column_variance, aperiodic(w));
     out.add(What::ColumnPattern, s.column_variance, columns, Scale::CubeRoot);
     // A bin of a single line's power is exponential: P(> r) = e^−r.
-    let line = |r: f64, bins: f64| tails::largest(tails::deviate(-r), bins as usize);
+    let line = |r: f64, bins: f64| tails::largest(tails::normal_quantile(-r), bins as usize);
     out.add(What::RowPatternPeak, line(s.row_peak / MEDIAN_SCATTER, h / 2.0), 1.0, Scale::Linear);
     out.add(
         What::ColumnPatternPeak,

@@ -6,7 +6,7 @@ use super::diagnose::looking;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
-use camrig_clean::{Cleaned, Finding};
+use camrig_clean::{Cleaned, Finding, Options};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -73,7 +73,7 @@ fn check(args: &CheckArgs) -> Result<ExitCode> {
     }
     let contradictions = set.contradictions();
     let bar = looking(&set)?;
-    let looked = Cleaned::look(set, &|n| bar.inc(n as u64))?;
+    let looked = Cleaned::inspect(set, &Options::default().with_progress(&|n| bar.inc(n as u64)))?;
     bar.finish_and_clear();
     let found = looked.findings();
     if args.json {

@@ -19,7 +19,7 @@ use crate::statistics::{light_scatter, read};
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
 use camrig_captures::Role;
-use camrig_clean::{Cleaned, Curve, Finding, Kind};
+use camrig_clean::{Cleaned, Finding, FrameCurve, Kind};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::mem::replace;
@@ -127,7 +127,7 @@ pub struct Session {
     pub findings: Vec<Finding>,
     /// The first frames after a start, which the model is given since its camera has none of its
     /// own.
-    pub start_up: Option<Curve>,
+    pub start_up: Option<FrameCurve>,
     /// Whether a camera processed the frames: then no effect is named from them.
     pub processed: bool,
     /// Light of targets through the lenses tried.
@@ -584,12 +584,17 @@ fn set_unknown_light(
 
 /// What runs over the frames of a set and the model is given too. A camera with a start-up of its
 /// own is given no other.
-fn followed(camera: &Camera, set: &Cleaned) -> Option<Curve> {
+fn followed(camera: &Camera, set: &Cleaned) -> Option<FrameCurve> {
     set.curve().filter(|c| c.of_light || !camera.changes_after_its_start())
 }
 
 /// Where the lamp drifts within stacks, says which of their frames has the stated light.
-fn set_stated_light(camera: &Camera, design: &mut Design, stacks: &[Temporal], curve: &Curve) {
+fn set_stated_light(
+    camera: &Camera,
+    design: &mut Design,
+    stacks: &[Temporal],
+    curve: &FrameCurve,
+) {
     let black =
         maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| stacks[i].level());
     let channels = Channels::new(camera);

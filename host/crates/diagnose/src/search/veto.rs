@@ -88,7 +88,7 @@ fn too_little(measured: &Statistic, model: &Predicted) -> f64 {
     let dof = model.dof();
     let ratio = (measured.value / model.value).max(f64::MIN_POSITIVE);
     let chance = tails::fisher_upper(1.0 / ratio, model.runs() * dof, dof);
-    -tails::deviate(libm::log(chance.max(f64::MIN_POSITIVE)))
+    -tails::normal_quantile(libm::log(chance.max(f64::MIN_POSITIVE)))
 }
 
 #[cfg(test)]

@@ -126,12 +126,12 @@ pub fn nuisances(page: &mut Page, found: &[Finding]) {
         let frames: Vec<String> = f.frames.iter().take(FRAMES).map(usize::to_string).collect();
         let more = if f.frames.len() > FRAMES { ", ..." } else { "" };
         vec![
-            f.kind.word().replace('-', " "),
+            f.kind.to_string().replace('-', " "),
             f.place.clone(),
             count(f.count as u64),
             f.amount.map_or(String::new(), |a| amount(a, f.std_error, &f.unit)),
             frames.join(", ") + more,
-            f.done.word().replace('-', " "),
+            f.done.to_string().replace('-', " "),
             printed(&f.description),
         ]
     }));

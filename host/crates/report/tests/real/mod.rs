@@ -42,7 +42,9 @@ pub fn diagnosed() -> (String, String) {
     built.effects.push(AmpGlow { rate_e_per_s: 900.0, x: 1.0, y: 0.05, width: 0.35 }.into());
     built.effects.push(ColumnOffsetFpn { sigma_e: 9.0 }.into());
     let folder = tempfile::tempdir().unwrap();
-    let cleaned = Cleaned::new(taken(&built, "ptc", &folder.path().join("set")), &|_| ()).unwrap();
+    let cleaned =
+        Cleaned::new(taken(&built, "ptc", &folder.path().join("set")), &Default::default())
+            .unwrap();
     let set = cleaned.set();
     let counts: Vec<usize> = set.captures.iter().map(|c| set.count(c).unwrap()).collect();
     let halves = design::divide(&model, set, &counts).unwrap();

@@ -2,7 +2,7 @@
 //! a start. The captures show it ([`camrig_clean`]); the model is given the same.
 
 use super::design::{Condition, Design};
-use camrig_clean::{Curve, Shape};
+use camrig_clean::{CurveShape, FrameCurve};
 
 /// What differs over the frames that are used of a stack; empty where nothing does.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,7 +33,7 @@ impl Course {
 /// Gives the stacks of a design the course of a curve. Where the light drifts, that of each stack
 /// becomes the mean over its frames, those of the whole capture taken to have the stated light in
 /// the mean.
-pub fn follow(design: &mut Design, curve: &Curve) {
+pub fn follow(design: &mut Design, curve: &FrameCurve) {
     for c in &mut design.conditions {
         if curve.of_light {
             drift(c, curve);
@@ -47,14 +47,14 @@ pub fn follow(design: &mut Design, curve: &Curve) {
 }
 
 /// The shape of an offset: a decay ends at the level of the dark, a line has it in the middle.
-fn offset(shape: Shape, frame: usize, n: usize) -> f64 {
+fn offset(shape: CurveShape, frame: usize, n: usize) -> f64 {
     match shape {
-        Shape::Decay(_) => shape.at(frame, n),
-        Shape::Line => shape.at(frame, n) - 0.5,
+        CurveShape::Decay(_) => shape.at(frame, n),
+        CurveShape::Line => shape.at(frame, n) - 0.5,
     }
 }
 
-fn drift(c: &mut Condition, curve: &Curve) {
+fn drift(c: &mut Condition, curve: &FrameCurve) {
     if !c.is_flat() {
         return;
     }
@@ -67,14 +67,14 @@ fn drift(c: &mut Condition, curve: &Curve) {
 }
 
 /// Light of `frames` frames after the first `skip` of `n` over the mean of all.
-fn factors(curve: &Curve, (skip, frames): (usize, usize), n: usize) -> Vec<f64> {
+fn factors(curve: &FrameCurve, (skip, frames): (usize, usize), n: usize) -> Vec<f64> {
     let shape = |i: usize| curve.shape.at(i, n);
     let middle = (0..n).map(shape).sum::<f64>() / n.max(1) as f64;
     (skip..skip + frames).map(|i| 1.0 + curve.amplitude * (shape(i) - middle)).collect()
 }
 
 /// The range of the stated over the mean light of captures: it was read at one of their frames.
-fn range(curve: &Curve, n: usize) -> (f64, f64) {
+fn range(curve: &FrameCurve, n: usize) -> (f64, f64) {
     let factors = factors(curve, (0, n), n);
     let low = factors.iter().copied().fold(f64::INFINITY, f64::min);
     (low, factors.iter().copied().fold(0.0, f64::max))
@@ -83,7 +83,7 @@ fn range(curve: &Curve, n: usize) -> (f64, f64) {
 /// Where the light drifts, takes the stated light for that of the frame at which the model's
 /// response agrees best; `ratios` are those of the measured to the model's signal. No response is
 /// told from such a set better than the drift.
-pub fn set_stated(design: &mut Design, curve: &Curve, ratios: &mut [f64]) {
+pub fn set_stated(design: &mut Design, curve: &FrameCurve, ratios: &mut [f64]) {
     if !curve.of_light || ratios.is_empty() {
         return;
     }
@@ -103,8 +103,8 @@ mod tests {
 
     #[test]
     fn light_is_relative_to_the_frames_used_and_offsets_end_at_the_dark() {
-        let line = Curve {
-            shape: Shape::Line,
+        let line = FrameCurve {
+            shape: CurveShape::Line,
             of_light: true,
             amplitude: 0.02,
             std_error: 0.001,
@@ -114,7 +114,7 @@ mod tests {
         // From 5/9 to 1 of the way, the middle of the whole taken off.
         assert!((factors[0] - (1.0 + 0.02 * (5.0 / 9.0 - 0.5))).abs() < 1e-12);
         assert!((factors[4] - 1.01).abs() < 1e-12);
-        assert_eq!(offset(Shape::Decay(2.0), 0, 10), 1.0);
+        assert_eq!(offset(CurveShape::Decay(2.0), 0, 10), 1.0);
         assert!((range(&line, 10).0 - 0.99).abs() < 1e-12);
     }
 }
