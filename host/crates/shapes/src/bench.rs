@@ -5,8 +5,8 @@ use crate::view::View;
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
-use camrig_diagnose::data::course::Course;
 use camrig_diagnose::data::design::{Condition, Design, Stack};
+use camrig_diagnose::data::variation::FrameVariation;
 use camrig_diagnose::model::prediction::Prediction;
 use camrig_diagnose::model::replicate;
 use camrig_diagnose::statistics::battery::battery;
@@ -99,7 +99,7 @@ fn design() -> Design {
             skip: 0,
             frames: FRAMES,
             total: FRAMES,
-            course: Course::default(),
+            variation: FrameVariation::default(),
             first_number: 10_000 * (i as u32 + 1),
             exposure_s,
             analog_gain: 1.0,

@@ -62,7 +62,7 @@ impl StartUp {
     }
 
     fn amount_e(&self) -> Estimated {
-        let Curve { amplitude, std_error, .. } = self.curve;
+        let FrameCurve { amplitude, std_error, .. } = self.curve;
         Estimated { value: amplitude / self.gain, se: std_error / self.gain }
     }
 }

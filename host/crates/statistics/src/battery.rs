@@ -1,10 +1,10 @@
-//! The battery: every statistic of the dark and flat stacks of a set, with the scatter that theory
-//! gives it.
+//! The battery: every statistic of the dark and flat stacks of a set, with its theoretical standard
+//! deviation.
 //!
-//! A statistic keeps its value in its own unit, so that values of replicates can be averaged and
-//! parameters be estimated from them; its [`Scale`](super::statistic::Scale) says where its
-//! scatter is normal. Standard deviations are those of the sampling laws (χ² for variances,
-//! binomial for counts), not of replicates, so they hold for a single set.
+//! Values are in their own unit, so that those of replicates can be averaged and parameters be
+//! estimated from them; the [`Scale`](super::statistic::Scale) is the one on which they are normally
+//! distributed. Standard deviations are those of the sampling distributions (χ² for variances,
+//! binomial for counts), not of replicates, and so hold for a single set.
 
 use super::collect::Collected;
 use super::maps::{self, MapKind};

@@ -1,8 +1,8 @@
-//! Statistics of one place, collected one by one.
+//! Collects the statistics of one place.
 
 use super::statistic::{Place, Scale, Statistic, What};
 
-/// Collects the statistics of one place; those that are not finite are left out.
+/// The statistics of one place; those that are not finite are omitted.
 pub(super) struct Collected {
     place: Place,
     pub(super) statistics: Vec<Statistic>,
@@ -13,7 +13,7 @@ impl Collected {
         Self { place, statistics: Vec::new() }
     }
 
-    /// Adds a statistic: its value in its own unit, and its standard deviation on its scale.
+    /// Adds a statistic: its value in its own unit, its standard deviation on its scale.
     pub(super) fn add(&mut self, what: What, value: f64, sd: f64, scale: Scale) {
         if value.is_finite() && sd.is_finite() {
             self.statistics.push(Statistic { place: self.place, what, value, sd, scale });
@@ -21,8 +21,8 @@ impl Collected {
     }
 }
 
-/// Standard deviation of the cube root of a mean of squares with `dof` degrees of freedom, whose
-/// cube root is nearly normal (Wilson & Hilferty 1931).
-pub(super) fn spread_of_squares(value: f64, dof: f64) -> f64 {
+/// Standard deviation of the cube root of a mean of squares with `dof` degrees of freedom; the cube
+/// root is nearly normal (Wilson & Hilferty 1931).
+pub(super) fn cube_root_sd(value: f64, dof: f64) -> f64 {
     libm::cbrt(value.max(0.0)) * (2.0 / (9.0 * dof)).sqrt()
 }

@@ -1,29 +1,45 @@
 //! From the frames of a capture set to statistics: moments over time and over the sensor, maps,
-//! figures of targets, and the battery of statistics made of them.
+//! figures of targets, and the battery of all of them.
 //!
-//! The same functions take measured frames and those of a model, so that whatever the measurement
-//! itself does to a figure is in both. Values are in DN of the frames unless their documentation
-//! says otherwise; light is in electrons per pixel, frequencies in cycles per pixel.
+//! The same functions take measured frames and those of a model, so that any bias of a measurement
+//! is in both. The principal type is [`Statistic`]; [`battery`](battery::battery) computes all of
+//! them. Values are in DN of the frames unless stated otherwise; light is in electrons per pixel,
+//! frequencies in cycles per pixel.
 //!
-//! 1. [`data`]: the stacks of a capture set, how they were taken, which half they belong to.
-//! 2. [`temporal`], [`maps`], [`targets`]: moments per pixel and per frame, maps over the sensor,
-//!    figures of edges, dots and charts.
-//! 3. [`battery`]: every [`Statistic`] of a half, each with its [`Key`] and its standard deviation.
+//! | in reading order | |
+//! |---|---|
+//! | [`statistic`] | what a statistic is: where, what, value, standard deviation, scale |
+//! | [`data`] | the stacks of a capture set, their conditions, and which half they belong to |
+//! | [`read`] | frames from files into moments and pictures |
+//! | [`temporal`], [`noise`], [`codes`] | moments of a stack over time, and the statistics of its noise and codes |
+//! | [`maps`], [`spatial`], [`lines`], [`shading`] | maps made of several stacks, and the statistics of their patterns |
+//! | [`ratios`] | ratios of the channels |
+//! | [`targets`] | figures of edges, dots and charts |
+//! | [`battery`] | all statistics of the dark and flat stacks |
+//! | [`allowances`] | uncertainty of the stated light, undetected particle hits |
+//! | [`numerics`] | sums, spectra, minima |
 //!
 //! ```
-//! use camrig_statistics::numerics::tails;
+//! use camrig_statistics::{Place, Scale, Statistic, What, statistic::by_key};
 //!
-//! // The logarithm of how often a normal deviate is above 1.96 standard deviations.
-//! assert!((tails::ln_upper(1.96) - 0.025_f64.ln()).abs() < 1e-3);
+//! // A variance of channel 0 in the first stack, 4.1 DN² ± 2 %.
+//! let (place, what) = (Place::Stack(0), What::Variance(0));
+//! let found = Statistic { place, what, value: 4.1, sd: 0.02, scale: Scale::Log };
+//! let values = by_key(vec![found]);
+//! // Compared with a model that predicts 4.0 DN², it deviates by 1.2 standard deviations.
+//! let s = values[&(place, what)];
+//! let z = (s.scale.of(s.value) - s.scale.of(4.0)) / s.sd;
+//! assert!((z - 1.23).abs() < 0.01);
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+pub mod allowances;
 pub mod battery;
 pub mod codes;
 mod collect;
 pub mod data;
 mod levels;
-pub mod light_scatter;
+pub mod lines;
 pub mod maps;
 pub mod noise;
 pub mod numerics;

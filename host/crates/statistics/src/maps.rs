@@ -1,5 +1,5 @@
-//! Maps over pixels that several stacks make together: offset, dark current, gain, its change with
-//! the level, and what remains of the frame before.
+//! Maps over pixels from several stacks: offset, dark current, gain, its change with the level, and
+//! the after-image of the frame before.
 
 use super::spatial::{Spatial, describe};
 use super::temporal::Temporal;
@@ -9,13 +9,13 @@ use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
 
-/// Share of saturated samples from which a flat is left out of maps: its brightest pixels are
-/// clipped. One sample in a hundred thousand does not move a statistic of the map.
+/// Share of saturated samples from which a flat is not used for maps, as its brightest pixels are
+/// clipped. One sample in a hundred thousand does not affect a statistic of the map.
 pub const SATURATED_FLAT: f64 = 1e-5;
-/// A long dark exposure must be so many times the reference's for the rise of the dark signal.
+/// Smallest ratio of the long to the reference dark exposure from which dark current is measured.
 const LONG_OVER_SHORT: f64 = 2.0;
-/// The highest flat's level over that of the middle one, from which their difference tells how the
-/// response bends.
+/// Smallest ratio of the levels of the brightest and the middle flat from which the curvature of the
+/// response is measured.
 const HIGH_OVER_MIDDLE: f64 = 1.5;
 
 /// A kind of map.
@@ -23,33 +23,42 @@ const HIGH_OVER_MIDDLE: f64 = 1.5;
 pub enum MapKind {
     /// Mean of the shortest dark exposure, DN.
     Offset,
-    /// Rise of the dark signal with exposure, e⁻/s.
+    /// Increase of the dark signal with exposure, e⁻/s.
     DarkCurrent,
     /// Response relative to the mean of the channel.
     Gain,
-    /// Response at a high level less that at a medium level, both relative to the mean.
+    /// Response at a high level minus that at a medium level, both relative to the mean.
     Curvature,
-    /// Dark after light less the dark reference, DN.
+    /// Dark after light minus the reference dark, DN.
     AfterLight,
 }
 
-/// A map and its description.
+/// The after-image in dark frames after light.
+#[derive(Clone, Copy, Debug)]
+pub struct AfterImage {
+    /// Mean signal as a share of the light before.
+    pub share: f64,
+    /// Its standard deviation.
+    pub sd: f64,
+}
+
+/// A map and its components.
 #[derive(Clone, Debug)]
 pub struct Map {
     /// What it is.
     pub kind: MapKind,
-    /// Its description.
+    /// Its components.
     pub spatial: Spatial,
-    /// Whether shading in it belongs to the sensor.
+    /// Whether the light was even, so that shading belongs to the sensor.
     pub even: bool,
-    /// Of [`MapKind::AfterLight`]: mean in units of the light before, and its standard deviation.
-    pub after_image: Option<(f64, f64)>,
+    /// The after-image, for [`MapKind::AfterLight`].
+    pub after_image: Option<AfterImage>,
     /// The map itself.
     pub plane: Plane<f32>,
 }
 
-/// Whether two stacks differ in exposure or light only.
-fn alike(a: &Condition, b: &Condition) -> bool {
+/// Whether two stacks have the same gain and temperature.
+fn same_sensor_settings(a: &Condition, b: &Condition) -> bool {
     a.stack.analog_gain == b.stack.analog_gain && same_temperature(&a.stack, &b.stack)
 }
 
@@ -59,31 +68,33 @@ fn plain_darks(design: &Design) -> impl Iterator<Item = (usize, &Condition)> {
     darks.filter(|(_, c)| c.stack.role == Role::Dark && c.before_e.iter().all(|&e| e == 0.0))
 }
 
-/// The dark stack that others are compared with: the shortest at the gain and temperature of most.
+/// The dark stack that others are compared with: the shortest at the most common gain and
+/// temperature.
 pub fn reference_dark(design: &Design) -> Option<usize> {
-    let alike_count = |c: &Condition| design.conditions.iter().filter(|o| alike(c, o)).count();
+    let count_alike =
+        |c: &Condition| design.conditions.iter().filter(|o| same_sensor_settings(c, o)).count();
     plain_darks(design)
         .min_by(|(_, a), (_, b)| {
-            let by_company = alike_count(b).cmp(&alike_count(a));
+            let by_count = count_alike(b).cmp(&count_alike(a));
             let by_time = a.stack.exposure_s.total_cmp(&b.stack.exposure_s);
-            by_company.then(by_time).then(b.stack.frames.cmp(&a.stack.frames))
+            by_count.then(by_time).then(b.stack.frames.cmp(&a.stack.frames))
         })
         .map(|(i, _)| i)
 }
 
-/// The longest dark stack like the reference, if it is at least twice as long.
+/// The longest dark stack at the reference's settings, if it is more than twice as long.
 pub fn long_dark(design: &Design) -> Option<usize> {
     let reference = &design.conditions[reference_dark(design)?];
     plain_darks(design)
         .filter(|(_, c)| {
             let least = LONG_OVER_SHORT * reference.stack.exposure_s;
-            alike(c, reference) && c.stack.exposure_s > least
+            same_sensor_settings(c, reference) && c.stack.exposure_s > least
         })
         .max_by(|(_, a), (_, b)| a.stack.exposure_s.total_cmp(&b.stack.exposure_s))
         .map(|(i, _)| i)
 }
 
-/// Flats of the largest group with the same light and gain, weakest first.
+/// The flats of the largest group with the same wavelength and gain, darkest first.
 pub fn flats(design: &Design) -> Vec<usize> {
     let key = |c: &Condition| (c.wavelength_nm.map(f64::to_bits), c.stack.analog_gain.to_bits());
     let flats: Vec<usize> = (0..design.conditions.len())
@@ -105,13 +116,13 @@ pub fn flats(design: &Design) -> Vec<usize> {
     best
 }
 
-/// Share of samples at the end of the scale.
+/// Share of samples at the highest code.
 pub fn saturated(t: &Temporal) -> f64 {
     let top = t.histogram.last().copied().unwrap_or(0);
     f64::from(top) / (t.mean.data.len() * t.frames.max(1)) as f64
 }
 
-/// Makes the maps of a design's stacks: what all of them have in common.
+/// Inputs that all maps of a design share.
 struct Maker<'a> {
     camera: &'a Camera,
     design: &'a Design,
@@ -121,7 +132,7 @@ struct Maker<'a> {
     dark: &'a Temporal,
 }
 
-/// Every map that the stacks determine; none without a dark stack.
+/// All maps that the stacks determine; none without a dark stack.
 pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
     let Some(reference) = reference_dark(design) else { return Vec::new() };
     let dark = &stacks[reference];
@@ -145,14 +156,14 @@ impl Maker<'_> {
         Map { kind, spatial, even, after_image: None, plane }
     }
 
-    /// A stack's mean frame above dark, times `scale`.
+    /// A stack's mean frame above the reference dark, times `scale`.
     fn above_dark(&self, t: &Temporal, scale: f32) -> Plane<f32> {
         let pairs = t.mean.data.iter().zip(&self.dark.mean.data);
         let data = pairs.map(|(a, b)| (a - b) * scale).collect();
         Plane { width: t.width, height: t.height, data }
     }
 
-    /// DN per electron at an analog gain, as the camera file has it.
+    /// DN per electron at an analog gain, from the camera file.
     fn nominal_gain(&self, analog_gain: f64) -> f64 {
         let sensor = &self.camera.sensor;
         analog_gain * f64::from((1u32 << sensor.bits) - 1) / sensor.full_well_e
@@ -165,14 +176,14 @@ impl Maker<'_> {
         pairs.map(|(a, b)| f64::from(a - b)).sum::<f64>() / d.len() as f64
     }
 
-    /// A plane over the mean of each channel.
+    /// A plane relative to the mean of each channel.
     fn relative(&self, mut plane: Plane<f32>) -> Plane<f32> {
         let means = self.channels.means(&plane.data);
         self.channels.change(&mut plane.data, &means, |v, mean| v / mean);
         plane
     }
 
-    /// Rise of the dark signal with exposure, e⁻/s.
+    /// Increase of the dark signal with exposure, e⁻/s.
     fn dark_current(&self, reference: &Condition) -> Option<Map> {
         let long = long_dark(self.design)?;
         let c = &self.design.conditions[long].stack;
@@ -182,7 +193,7 @@ impl Maker<'_> {
         Some(self.map(MapKind::DarkCurrent, plane, true))
     }
 
-    /// Slope of each pixel's signal over the level, weighted by Σ w µ s / Σ w µ², relative to the
+    /// Weighted slope Σ w µ s / Σ w µ² of each pixel's signal s against the level µ, relative to the
     /// mean of its channel.
     fn gain(&self, flats: &[usize]) -> Plane<f32> {
         let mut sum = vec![0.0f32; self.dark.mean.data.len()];
@@ -199,7 +210,7 @@ impl Maker<'_> {
         self.relative(Plane { width: self.dark.width, height: self.dark.height, data: sum })
     }
 
-    /// Relative response in the brightest flat less that in the middle one.
+    /// Relative response in the brightest flat minus that in the middle one.
     fn curvature(&self, flats: &[usize]) -> Option<Plane<f32>> {
         if flats.len() < 3 {
             return None;
@@ -213,18 +224,19 @@ impl Maker<'_> {
         })
     }
 
-    /// The dark stack after light, above dark, DN, and its mean relative to that light.
+    /// The dark stack after light, above the reference dark, DN, with its after-image.
     fn after_light(&self, reference: &Condition) -> Option<Map> {
         let (i, c) = self.design.conditions.iter().enumerate().find(|(_, c)| {
             let after_light = c.before_e.iter().any(|&e| e > 0.0);
-            c.stack.role == Role::Dark && after_light && alike(c, reference)
+            c.stack.role == Role::Dark && after_light && same_sensor_settings(c, reference)
         })?;
         let mut m = self.map(MapKind::AfterLight, self.above_dark(&self.stacks[i], 1.0), true);
         let n = m.plane.data.len() as f64;
         let mean = m.plane.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
         let before = c.before_e.iter().sum::<f64>() / c.before_e.len() as f64
             * self.nominal_gain(c.stack.analog_gain);
-        m.after_image = Some((mean / before, (m.spatial.pixel_variance / n).sqrt() / before));
+        let sd = (m.spatial.pixel_variance / n).sqrt() / before;
+        m.after_image = Some(AfterImage { share: mean / before, sd });
         Some(m)
     }
 }

@@ -1,7 +1,7 @@
-//! Statistics of a stack's noise over time: its size in each channel, its correlations in space
-//! and time, lines, and how pixels differ in it.
+//! Statistics of a stack's noise over time: its variance in each channel, its correlations in space
+//! and time, spectral lines, and differences between pixels.
 
-use super::collect::{Collected, spread_of_squares};
+use super::collect::{Collected, cube_root_sd};
 use super::spatial::smooth_terms;
 use super::statistic::{Scale, What};
 use super::temporal::{BLOCK, LAGS, Temporal, mean};
@@ -12,42 +12,46 @@ use crate::numerics::tails;
 use camrig_base::median::median;
 use camrig_captures::Role;
 
-/// Share of saturated samples from which a stack's noise is not measured: clipped, it no longer is
-/// that of the sensor. Half, because a smaller share is a statistic that the model predicts too.
+/// Share of saturated samples from which a stack's noise is not measured, because it is clipped. Half,
+/// because the effect of a smaller share is predicted by the model too.
 const SATURATED_STACK: f64 = 0.5;
-/// Pixel variance, DN², below which a stack is taken to have no noise: all samples have one code.
+/// Pixel variance, DN², below which a stack has no noise: all samples have one code.
 const MIN_VARIANCE_DN2: f64 = 1e-3;
-/// Least share of samples for the binomial law, and the standard deviation added to it: of 10⁷
-/// samples one, and what a single defective pixel in a million changes.
-const SHARE_FLOOR: (f64, f64) = (1e-7, 1e-6);
-/// Frames from which the trend and the correlation of frame means are asked for: with fewer their
-/// law is far from normal.
-const FRAMES_FOR_TREND: usize = 6;
-/// Frames from which the noisiest pixels are described: with fewer the selection by variance is
-/// chance.
-const FRAMES_FOR_NOISIEST: usize = 8;
-/// Standard deviations of its χ² law at which a pixel's variance is clipped where noise is mapped
-/// over the sensor, so that single noisy pixels do not count as regions.
+/// Smallest share of samples for which the binomial standard deviation is computed: one of 10⁷.
+const MIN_SHARE: f64 = 1e-7;
+/// Standard deviation that is added to it: the effect of one defective pixel in a million.
+const SHARE_SD: f64 = 1e-6;
+/// Frames from which the trend and the correlation of frame means are measured: with fewer, their
+/// distribution is far from normal.
+const MIN_FRAMES_FOR_TREND: usize = 6;
+/// Frames from which the noisiest pixels are described: with fewer, their selection by variance is
+/// random.
+const MIN_FRAMES_FOR_NOISIEST: usize = 8;
+/// Standard deviations of the χ² distribution at which a pixel's variance is clipped in maps of the
+/// noise, so that single noisy pixels do not count as regions.
 const CLIP_VARIANCE_SD: f64 = 5.0;
 /// Side of the blocks over which noise is mapped, pixels.
 const REGION: usize = 16;
-/// Lowest frequencies that count as slow; also half of what is left out of the search for lines.
+/// Number of lowest frequencies that count as slow; half of them are excluded from the search for
+/// lines.
 const SLOW_BINS: usize = 8;
 /// Bins to either side of a bin whose median is its background.
 const BACKGROUND_BINS: usize = 12;
-/// The largest deviate is divided by this, because the background that it is measured against, the
+/// The largest deviation is divided by this, because the background that it is relative to, the
 /// median of 25 bins, itself scatters by a quarter of their spread: √(1 + 1/16) is 1.03, and the
 /// largest of many is more affected.
 const BACKGROUND_SCATTER: f64 = 1.05;
-/// Normal deviate that one pixel in a million passes.
+/// Normal quantile that one pixel in a million exceeds.
 const ONE_IN_A_MILLION: f64 = 4.753;
-/// The noisiest pixels: one in so many, and no fewer than the second number.
-const NOISIEST: (usize, usize) = (200, 8);
-/// Standard deviation of the noisiest pixels' correlation in time over that of independent frames.
-/// Chosen: pixels of few levels have a wider law than normal noise has.
+/// One pixel in this many is among the noisiest.
+const ONE_NOISIEST_IN: usize = 200;
+/// Smallest number of noisiest pixels.
+const MIN_NOISIEST: usize = 8;
+/// Standard deviation of the noisiest pixels' correlation in time relative to that of independent
+/// frames. Chosen: pixels of few levels have a wider distribution than normal noise.
 const NOISIEST_LAG_SPREAD: f64 = 1.2;
 
-/// Moments of a stack's noise, means over channels.
+/// Moments of a stack's noise, averaged over channels.
 pub(super) struct Summary {
     /// Variance over time of each channel's pixels, DN².
     variance: Vec<f64>,
@@ -55,8 +59,8 @@ pub(super) struct Summary {
     skewness: f64,
     /// Excess kurtosis.
     kurtosis: f64,
-    /// Half the width, codes, of the middle 68 % of the samples over pixels and time, which
-    /// outliers do not widen.
+    /// Half the width, codes, of the central 68 % of the samples over pixels and time, insensitive to
+    /// outliers.
     pub(super) width: f64,
 }
 
@@ -71,7 +75,7 @@ impl Summary {
         let over = |m: &[f64], power: &dyn Fn(f64) -> f64| {
             m.iter().zip(&variance).map(|(m, v)| m / power(v.max(1e-9))).sum::<f64>() / k
         };
-        // A product, not a power function, whose last digit depends on how it is compiled.
+        // A product, because the last digit of a power function depends on the compiler.
         let kurtosis = over(&fourth, &|v| v * v) - 3.0 * shrink;
         let mean_variance = variance.iter().sum::<f64>() / k;
         Self {
@@ -84,18 +88,18 @@ impl Summary {
     }
 }
 
-/// Half the distance, codes, between the quantiles of a histogram that lie one standard deviation
-/// of a normal law to either side of its mean.
+/// Half the distance, codes, between the quantiles of a histogram at ±1 standard deviation of a
+/// normal distribution.
 fn half_width(histogram: &[u32]) -> f64 {
     let total: f64 = histogram.iter().map(|&n| f64::from(n)).sum();
     let quantile = |share: f64| {
-        let mut left = share * total;
+        let mut remaining = share * total;
         for (code, &n) in histogram.iter().enumerate() {
             let n = f64::from(n);
-            if left <= n && n > 0.0 {
-                return code as f64 + left / n;
+            if remaining <= n && n > 0.0 {
+                return code as f64 + remaining / n;
             }
-            left -= n;
+            remaining -= n;
         }
         histogram.len() as f64
     };
@@ -109,18 +113,15 @@ pub fn frame_variance(t: &Temporal) -> f64 {
     t.frame_means.iter().map(|f| (f - m).powi(2)).sum::<f64>() / (t.frames as f64 - 1.0)
 }
 
-/// The statistics of a stack's noise. Those of single pixels are left out where the pixels' light,
-/// and with it their noise, differs from channel to channel.
+/// The statistics of a stack's noise; without those of single pixels where the light, and with it
+/// the noise, differs between channels.
 pub(super) fn statistics(t: &Temporal, c: &Condition, s: &Summary, out: &mut Collected) {
     let (w, h) = (t.width as f64, t.height as f64);
     let (n, f) = (w * h, t.dof);
     let top = t.histogram.len() - 1;
     let saturated = f64::from(t.histogram[top]) / (n * t.frames as f64);
     let zeros = f64::from(t.histogram[0]) / (n * t.frames as f64);
-    let fraction = |p: f64| {
-        let (floor, doubt) = SHARE_FLOOR;
-        (p.max(floor) * (1.0 - p.min(0.5)) / (n * f)).sqrt() + doubt
-    };
+    let fraction = |p: f64| (p.max(MIN_SHARE) * (1.0 - p.min(0.5)) / (n * f)).sqrt() + SHARE_SD;
     out.add(What::Zeros, zeros, fraction(zeros), Scale::Linear);
     out.add(What::Saturated, saturated, fraction(saturated), Scale::Linear);
     if saturated > SATURATED_STACK || s.mean_variance < MIN_VARIANCE_DN2 {
@@ -134,13 +135,13 @@ pub(super) fn statistics(t: &Temporal, c: &Condition, s: &Summary, out: &mut Col
     let v = s.mean_variance;
     of_frame_means(t, v, out);
     let names = [What::RowVariance, What::RowSlow, What::RowPeak];
-    lines(&Lines { power: &t.row_power, across: w, names }, f, v, out);
+    line_noise(&LineSpectrum { power: &t.row_power, across: w, names }, f, v, out);
     let row_variance = t.row_power.iter().sum::<f64>() / t.row_power.len() as f64;
     let lag = t.row_lag / row_variance.max(1e-12);
     out.add(What::RowLag, lag, 1.0 / (f * h).sqrt(), Scale::Linear);
     let names = [What::ColumnVariance, What::ColumnSlow, What::ColumnPeak];
-    lines(&Lines { power: &t.column_power, across: h, names }, f, v, out);
-    // Products of pixels of the same channel scatter by Σ v²/n over the channels, others by less.
+    line_noise(&LineSpectrum { power: &t.column_power, across: h, names }, f, v, out);
+    // The variance of products of pixels is the mean of v² for the same channel, less otherwise.
     let unequal = (s.variance.iter().map(|v| v * v).sum::<f64>() / k).sqrt() / v;
     for (i, c) in t.covariance.iter().enumerate().take(LAGS.len()) {
         out.add(What::Covariance(i as u8), c / v, unequal / (f * n).sqrt(), Scale::Linear);
@@ -175,8 +176,8 @@ fn of_frame_means(t: &Temporal, v: f64, out: &mut Collected) {
         (2.0 / (9.0 * df)).sqrt(),
         Scale::CubeRoot,
     );
-    if t.frames >= FRAMES_FOR_TREND {
-        // In standard deviations of the frame means themselves, whatever their size.
+    if t.frames >= MIN_FRAMES_FOR_TREND {
+        // In standard deviations of the frame means themselves.
         let m = t.frame_means.iter().sum::<f64>() / frames;
         let sd = frame_variance(t).sqrt().max(1e-12);
         let d: Vec<f64> = t.frame_means.iter().map(|f| (f - m) / sd).collect();
@@ -189,8 +190,8 @@ fn of_frame_means(t: &Temporal, v: f64, out: &mut Collected) {
     }
 }
 
-/// Where on the sensor the noise is: smooth terms and 16x16 blocks of the pixels' variance over
-/// its mean `v`, DN², single noisy pixels clipped.
+/// The noise over the sensor: smooth terms and 16x16 blocks of the pixels' variance relative to its
+/// mean `v`, DN², single noisy pixels clipped.
 fn noise_over_the_sensor(t: &Temporal, v: f64, out: &mut Collected) {
     let (w, h) = (t.width, t.height);
     let limit = 1.0 + CLIP_VARIANCE_SD * (2.0 / t.dof).sqrt();
@@ -222,31 +223,31 @@ fn noise_over_the_sensor(t: &Temporal, v: f64, out: &mut Collected) {
         out.add(What::NoiseSlope(i as u8), s / count, sd, Scale::Linear);
     }
     let ratio = blocks.iter().map(|b| b * b).sum::<f64>() / count * area / scatter;
-    out.add(What::NoiseBlocks, ratio, spread_of_squares(ratio, count), Scale::CubeRoot);
+    out.add(What::NoiseBlocks, ratio, cube_root_sd(ratio, count), Scale::CubeRoot);
 }
 
-/// Means of rows or of columns of a stack: their power over frequency, and what it is of.
-struct Lines<'a> {
+/// The power spectrum of the means of rows or columns of a stack.
+struct LineSpectrum<'a> {
     /// Power, DN².
     power: &'a [f64],
-    /// Pixels of which a mean is made.
+    /// Number of pixels averaged in a line.
     across: f64,
-    /// Names of the whole power, its slow part and its highest line.
+    /// Statistics for the whole power, its slow part and its highest line.
     names: [What; 3],
 }
 
 /// White part, slow part and highest line of row or column means of a stack of `dof` degrees of
 /// freedom and this pixel variance, DN².
-fn lines(of: &Lines<'_>, dof: f64, pixel_variance: f64, out: &mut Collected) {
-    let &Lines { power, across, names: [all, slow, peak] } = of;
+fn line_noise(of: &LineSpectrum<'_>, dof: f64, pixel_variance: f64, out: &mut Collected) {
+    let &LineSpectrum { power, across, names: [all, slow, peak] } = of;
     let bins = power.len() as f64;
     let mean = power.iter().sum::<f64>() / bins;
     out.add(all, mean * across / pixel_variance, (1.0 / (dof * bins)).sqrt(), Scale::Log);
     let few = power.len().min(SLOW_BINS);
     let low = power[..few].iter().sum::<f64>() / few as f64;
     let (ratio, samples) = (low / mean.max(1e-12), 2.0 * dof * few as f64);
-    out.add(slow, ratio, spread_of_squares(ratio, samples), Scale::CubeRoot);
-    // Against the bins around, so that a continuum is no line.
+    out.add(slow, ratio, cube_root_sd(ratio, samples), Scale::CubeRoot);
+    // Relative to the bins around, so that a continuum is not a line.
     let mut top = f64::MIN;
     for (i, &p) in power.iter().enumerate().skip(SLOW_BINS / 2) {
         let (from, to) =
@@ -259,7 +260,7 @@ fn lines(of: &Lines<'_>, dof: f64, pixel_variance: f64, out: &mut Collected) {
     out.add(peak, z, 1.0, Scale::Linear);
 }
 
-/// How pixels differ in their noise.
+/// Differences between pixels in their noise.
 fn pixels(t: &Temporal, s: &Summary, out: &mut Collected) {
     let (n, f) = (t.pixel_variance.len() as f64, t.dof);
     if f < 3.0 {
@@ -268,7 +269,7 @@ fn pixels(t: &Temporal, s: &Summary, out: &mut Collected) {
     let v = s.mean_variance;
     let second =
         t.pixel_variance.iter().map(|&x| (f64::from(x) / v - 1.0).powi(2)).sum::<f64>() / n;
-    // Variance of χ²/f is 2/f, its own scatter has fourth moment 12/f² (1 + 4/f).
+    // The variance of χ²/f is 2/f, its fourth central moment 12/f² (1 + 4/f).
     let scatter = ((8.0 + 48.0 / f) / (f * f) / n).sqrt();
     out.add(What::Spread, second * f / 2.0, scatter * f / 2.0, Scale::Linear);
     let limit = v * tails::quantile_of_squares(ONE_IN_A_MILLION, f);
@@ -277,10 +278,9 @@ fn pixels(t: &Temporal, s: &Summary, out: &mut Collected) {
     noise_over_the_sensor(t, v, out);
     let lag = mean(&t.pixel_lag) / v;
     out.add(What::TimeLag, lag, 1.0 / (f * n).sqrt(), Scale::Linear);
-    if t.frames >= FRAMES_FOR_NOISIEST {
-        // Telegraph noise has few levels, and keeps them for several frames.
-        let (one_in, least) = NOISIEST;
-        let rank = (t.pixel_variance.len() / one_in).max(least);
+    if t.frames >= MIN_FRAMES_FOR_NOISIEST {
+        // Telegraph noise has few levels and stays at each for several frames.
+        let rank = (t.pixel_variance.len() / ONE_NOISIEST_IN).max(MIN_NOISIEST);
         let mut sorted = t.pixel_variance.clone();
         let at = sorted.len() - rank;
         let edge = *sorted.select_nth_unstable_by(at, f32::total_cmp).1;
@@ -309,8 +309,8 @@ mod tests {
 
     #[test]
     fn outliers_do_not_widen_a_histogram() {
-        // A normal law of standard deviation 3 at 100, in 65536 samples. Within a code its density
-        // is taken for even, which shifts a quantile by up to a code times 1/(8 · 3).
+        // A normal distribution of standard deviation 3 at 100, in 65536 samples. The density is taken
+        // as constant within a code, which shifts a quantile by up to a code times 1/(8 · 3).
         let mut histogram: Vec<u32> = (0..4096)
             .map(|code| {
                 let z = (f64::from(code) - 100.0) / 3.0;

@@ -1,33 +1,34 @@
-//! Double ratios of the channels, from which the scatter of the lamp and the mean gain of each
-//! channel cancel.
+//! Double ratios of the channels, in which the scatter of the lamp and the mean gain of each channel
+//! cancel.
 //!
 //! With D_ic the mean above dark of channel c in flat i, r a reference flat, and g the channel
 //! with most light in i, (D_ic / D_rc) / (D_ig / D_rg) depends neither on the amount of light in
-//! the two flats nor on the mean of the gain pattern over a channel's pixels. What is left is shot
-//! noise, and whatever mixes the channels or bends their response.
+//! the two flats nor on the mean of the gain pattern over a channel's pixels. It shows shot noise,
+//! crosstalk between the channels and nonlinearity of their response.
 
 use super::statistic::{Place, Scale, Statistic, What};
 use super::temporal::Temporal;
 use crate::data::channels::Channels;
 use crate::data::design::{Condition, Design};
 
-/// Level of the reference flat over that of the brightest, at most. The brightest may be bent by
-/// the full well; a much weaker one would add shot noise to every ratio. Chosen between the two.
-const REFERENCE_LEVEL: f64 = 0.6;
-/// Relative variance of a ratio's denominators above which the ratio is not normal: a standard
-/// deviation of a tenth.
-const NORMAL_RATIO: f64 = 0.01;
+/// Largest level of the reference flat relative to the brightest. Chosen between the brightest, which
+/// may be nonlinear near the full well, and much darker ones, which would add shot noise to every
+/// ratio.
+const MAX_REFERENCE_LEVEL: f64 = 0.6;
+/// Relative variance of a ratio's denominators above which the ratio is not normally distributed: a
+/// standard deviation of a tenth.
+const MAX_RELATIVE_VARIANCE: f64 = 0.01;
 
-/// The reference flat: of the flats of known light that are at most `REFERENCE_LEVEL` as bright
-/// as the brightest, the one with most light in its weakest channel. It follows from the design
-/// alone, so that measurement and replicates have the same one.
+/// The reference flat: of the flats of known light up to `MAX_REFERENCE_LEVEL` of the brightest, the
+/// one with most light in its weakest channel. It depends on the design alone, so that measurement
+/// and replicates have the same one.
 pub fn reference_flat(design: &Design) -> Option<usize> {
     let known = || design.conditions.iter().enumerate().filter(|(_, c)| c.is_known_flat());
     let most = |c: &Condition| c.photo_e.iter().copied().fold(0.0, f64::max);
     let least = |c: &Condition| c.photo_e.iter().copied().fold(f64::MAX, f64::min);
     let top = known().map(|(_, c)| most(c)).fold(0.0, f64::max);
     known()
-        .filter(|(_, c)| most(c) <= REFERENCE_LEVEL * top && least(c) > 0.0)
+        .filter(|(_, c)| most(c) <= MAX_REFERENCE_LEVEL * top && least(c) > 0.0)
         .max_by(|(_, a), (_, b)| least(a).total_cmp(&least(b)))
         .map(|(i, _)| i)
 }
@@ -37,11 +38,21 @@ pub fn strongest(c: &Condition) -> usize {
     (0..c.photo_e.len()).max_by(|&a, &b| c.photo_e[a].total_cmp(&c.photo_e[b])).unwrap_or(0)
 }
 
-/// A mean above dark and its variance.
-type Level = (f64, f64);
+/// A mean above dark.
+#[derive(Clone, Copy)]
+struct Level {
+    mean: f64,
+    variance: f64,
+}
 
-/// Ratios of each channel but the strongest, in each flat of known light but the reference; none
-/// for a monochrome sensor.
+impl Level {
+    fn relative_variance(&self) -> f64 {
+        self.variance / (self.mean * self.mean)
+    }
+}
+
+/// Ratios of each channel except the strongest, in each flat of known light except the reference;
+/// none for a monochrome sensor.
 pub fn ratios(
     design: &Design,
     stacks: &[Temporal],
@@ -52,7 +63,7 @@ pub fn ratios(
     if channels.count() < 2 {
         return Vec::new();
     }
-    // Mean of each channel, and its variance by the noise of the pixels.
+    // The mean of each channel, with the variance from the noise of its pixels.
     let of = |t: &Temporal| -> Vec<Level> {
         let samples = (t.mean.data.len() / channels.count() * t.frames) as f64;
         let variance = channels.means(&t.pixel_variance);
@@ -60,15 +71,18 @@ pub fn ratios(
             .means(&t.mean.data)
             .into_iter()
             .zip(variance)
-            .map(|(m, v)| (m, v / samples))
+            .map(|(mean, v)| Level { mean, variance: v / samples })
             .collect()
     };
     let black = of(&stacks[dark]);
     let above = |i: usize| -> Vec<Level> {
-        of(&stacks[i]).iter().zip(&black).map(|(a, b)| (a.0 - b.0, a.1 + b.1)).collect()
+        let difference = |(a, b): (&Level, &Level)| Level {
+            mean: a.mean - b.mean,
+            variance: a.variance + b.variance,
+        };
+        of(&stacks[i]).iter().zip(&black).map(difference).collect()
     };
     let by = above(reference);
-    let relative = |l: &Level| l.1 / (l.0 * l.0);
     let mut out = Vec::new();
     for (i, c) in design.conditions.iter().enumerate().filter(|(_, c)| c.is_known_flat()) {
         if i == reference {
@@ -76,11 +90,13 @@ pub fn ratios(
         }
         let (own, g) = (above(i), strongest(c));
         for channel in (0..channels.count()).filter(|&k| k != g) {
-            let scale = by[g].0 / (by[channel].0 * own[g].0);
-            let value = own[channel].0 * scale;
-            let others = relative(&by[channel]) + relative(&own[g]) + relative(&by[g]);
-            let sd = (own[channel].1 * scale * scale + others * value * value).sqrt();
-            if value.is_finite() && others < NORMAL_RATIO {
+            let scale = by[g].mean / (by[channel].mean * own[g].mean);
+            let value = own[channel].mean * scale;
+            let others = by[channel].relative_variance()
+                + own[g].relative_variance()
+                + by[g].relative_variance();
+            let sd = (own[channel].variance * scale * scale + others * value * value).sqrt();
+            if value.is_finite() && others < MAX_RELATIVE_VARIANCE {
                 let (place, what) = (Place::Stack(i), What::Ratio(channel as u8));
                 out.push(Statistic { place, what, value, sd, scale: Scale::Linear });
             }
@@ -92,8 +108,8 @@ pub fn ratios(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::course::Course;
     use crate::data::design::Stack;
+    use crate::data::variation::FrameVariation;
     use crate::temporal::Collector;
     use camrig_base::Plane;
     use camrig_camera::Camera;
@@ -111,7 +127,7 @@ mod tests {
                 skip: 0,
                 frames: 4,
                 total: 4,
-                course: Course::default(),
+                variation: FrameVariation::default(),
                 first_number: 0,
                 exposure_s: 0.01,
                 analog_gain: 1.0,
@@ -143,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn neither_lamp_nor_gains_count_and_the_scatter_is_as_said() {
+    fn lamp_and_gains_cancel_and_the_standard_deviation_is_correct() {
         let mut camera = Camera::load("mt9t012").unwrap();
         (camera.sensor.width, camera.sensor.height) = (48, 32);
         let channels = Channels::new(&camera);
@@ -157,7 +173,7 @@ mod tests {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
         let mut z = Vec::new();
         for round in 0..50 {
-            // Lamp and gains are another in each round; the first is without noise.
+            // Lamp and gains differ in each round; the first is without noise.
             let gain: [f64; 4] = std::array::from_fn(|c| 1.0 + 0.04 * (c * round % 3) as f64);
             let lamps = [1.0, 0.5, 1.0 + 0.02 * (round % 10) as f64, 1.5];
             let sd = if round == 0 { 0.0 } else { 6.0 };
@@ -179,7 +195,7 @@ mod tests {
                 }
             }
         }
-        // Those of a round share noise: as many as rounds count.
+        // The ratios of a round share noise, so the sample size is the number of rounds.
         let rms = (z.iter().map(|z| z * z).sum::<f64>() / z.len() as f64).sqrt();
         assert!((rms - 1.0).abs() < 4.0 / (2.0 * 49.0f64).sqrt(), "{rms}");
     }

@@ -1,4 +1,4 @@
-//! The frames of a capture set, reduced to moments and pictures as they are read.
+//! Reads the frames of a capture set and reduces them to moments and pictures.
 
 use super::targets::{Picture, PictureCollector};
 use super::temporal::{Collector, Temporal};
@@ -8,36 +8,42 @@ use camrig_camera::Camera;
 use camrig_clean::Cleaned;
 use camrig_sensor_core::config::Pattern;
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// Frames of a stack that are held in memory at once, at most: batches share a mean, and each
-/// costs a degree of freedom.
-const BATCH: usize = 32;
+/// Most frames of a stack that are in memory at once. The frames of a batch share a mean, which costs
+/// a degree of freedom.
+const MAX_BATCH: usize = 32;
 
-/// Pixels of all stacks of a half whose moments are made side by side: while they are made they
-/// take some 60 bytes per pixel, for every processor.
-const SIDE_BY_SIDE: usize = 1 << 22;
+/// Most pixels, over all stacks of a half, for which moments are computed in parallel: this takes
+/// some 60 bytes per pixel and processor.
+const MAX_PARALLEL_PIXELS: usize = 1 << 22;
 
-/// How many stacks of a design, of a sensor of so many pixels, one processor takes after another:
-/// 1, or all of them where frames are large.
-pub fn in_turn(design: &Design, pixels: usize) -> usize {
-    if pixels.saturating_mul(design.conditions.len()) > SIDE_BY_SIDE { usize::MAX } else { 1 }
+/// Smallest number of stacks of a design that one processor handles: 1, or all of them where frames
+/// are large. `pixels` is the number of pixels of the sensor.
+pub fn min_stacks_per_thread(design: &Design, pixels: usize) -> usize {
+    if pixels.saturating_mul(design.conditions.len()) > MAX_PARALLEL_PIXELS {
+        usize::MAX
+    } else {
+        1
+    }
 }
 
-/// Start and size of the batches of a stack, as equal as possible, so that none is a single frame.
-pub fn batches(frames: usize) -> Vec<(usize, usize)> {
-    let count = frames.div_ceil(BATCH).max(1);
+/// Divides a stack into batches of nearly equal size, so that none is a single frame.
+pub fn batches(frames: usize) -> Vec<Range<usize>> {
+    let count = frames.div_ceil(MAX_BATCH).max(1);
     let (size, more) = (frames / count, frames % count);
     let mut start = 0;
     (0..count)
         .map(|i| {
             let size = size + usize::from(i < more);
             start += size;
-            (start - size, size)
+            start - size..start
         })
         .collect()
 }
 
-/// The picture of every target, from the set's frames. `progress` hears how many were read.
+/// The picture of every target, from the set's frames. `progress` is called with the number of frames
+/// just read.
 ///
 /// # Errors
 /// Files that cannot be read.
@@ -67,9 +73,9 @@ pub fn pictures(
         .collect()
 }
 
-/// Moments of every dark and flat stack of a design, from the set's frames of a sensor with this
-/// colour filter pattern; with `planes` also their power over two frequencies. `progress` hears
-/// how many frames were read.
+/// Moments of every dark and flat stack of a design, from the set's frames, for a sensor with this
+/// colour filter pattern; with `planes` also their two-dimensional power spectrum. `progress` is
+/// called with the number of frames just read.
 ///
 /// # Errors
 /// Files that cannot be read.
@@ -84,7 +90,7 @@ pub fn moments(
     design
         .conditions
         .par_iter()
-        .with_min_len(in_turn(design, s.width * s.height))
+        .with_min_len(min_stacks_per_thread(design, s.width * s.height))
         .map(|c| {
             let c = &c.stack;
             let mut collector = Collector::new(s.width, s.height, s.bits, planes);
@@ -94,7 +100,7 @@ pub fn moments(
                 for frame in frames {
                     if seen >= c.skip && seen < c.skip + c.frames {
                         held.push(frame.clone());
-                        if sizes.get(next).is_some_and(|b| b.1 == held.len()) {
+                        if sizes.get(next).is_some_and(|b| b.len() == held.len()) {
                             collector.add(&held);
                             held.clear();
                             next += 1;

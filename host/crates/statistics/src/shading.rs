@@ -1,9 +1,9 @@
-//! How the channels of the gain map fall off towards the corners.
+//! Fall-off of the channels of the gain map towards the corners.
 //!
-//! Over the pixels of a channel, g = a (1 + k r²) by least squares, with r the distance from the
-//! centre, 1 at the corners: k is the change at the corners of the effects `relative-illumination`
-//! and `colour-shading`. Where the light itself may be uneven, only differences between channels,
-//! which all see the same light, belong to the sensor.
+//! A least-squares fit of g = a (1 + k r²) over the pixels of a channel, with r the distance from the
+//! centre, 1 at the corners: k is the change at the corners due to the effects
+//! `relative-illumination` and `colour-shading`. Where the light itself may be uneven, only
+//! differences between channels, which all see the same light, belong to the sensor.
 
 use super::maps::Map;
 use super::spatial::{CLIP, robust_sds};
@@ -13,40 +13,47 @@ use crate::data::channels::Channels;
 /// Sums over the pixels of a channel: of 1, t, t², g, t g and g², with t = r².
 type Sums = [f64; 6];
 
-/// The k of each channel; where the light may be uneven, that of each but the channel with most
-/// pixels, less that one's.
+/// A fitted k.
+#[derive(Clone, Copy)]
+struct FallOff {
+    k: f64,
+    variance: f64,
+}
+
+/// The k of each channel; where the light may be uneven, minus that of the channel with most pixels.
 pub fn fall_offs(map: &Map, channels: &Channels) -> Vec<Statistic> {
     let sums = sums(map, channels);
     let shares = channels.shares();
-    let of = |c: usize| corner(&sums[c], map, shares[c]);
-    let add = |what, (value, variance): (f64, f64)| {
-        let sd = variance.sqrt();
+    let of = |c: usize| fit(&sums[c], map, shares[c]);
+    let add = |what, fit: FallOff| {
+        let (value, sd) = (fit.k, fit.variance.sqrt());
         let s = Statistic { place: Place::Map(map.kind), what, value, sd, scale: Scale::Linear };
         (value.is_finite() && sd.is_finite()).then_some(s)
     };
     if map.even {
         return (0..sums.len()).filter_map(|c| add(What::FallOff(c as u8), of(c))).collect();
     }
-    let widest = channels.widest();
-    let (least, doubt) = of(widest);
+    let densest = channels.densest();
+    let reference = of(densest);
     (0..sums.len())
-        .filter(|&c| c != widest)
+        .filter(|&c| c != densest)
         .filter_map(|c| {
-            let (k, variance) = of(c);
-            add(What::FallOffApart(c as u8), (k - least, variance + doubt))
+            let own = of(c);
+            let variance = own.variance + reference.variance;
+            add(What::FallOffDifference(c as u8), FallOff { k: own.k - reference.k, variance })
         })
         .collect()
 }
 
-/// Change of a statistic of [`fall_offs`] per unit of the change at the corners of a channel (of
-/// all channels: `None`); `None` for other statistics. `widest` is the channel with most pixels.
-pub fn slope(what: What, of: Option<usize>, widest: usize) -> Option<f64> {
+/// Derivative of a statistic of [`fall_offs`] with respect to the k of a channel (`of` = `None`: of
+/// all channels); `None` for other statistics. `densest` is the channel with most pixels.
+pub fn slope(what: What, of: Option<usize>, densest: usize) -> Option<f64> {
     let own = |c: u8| of.is_none_or(|of| of == usize::from(c));
     match what {
         What::FallOff(c) => Some(f64::from(u8::from(own(c)))),
-        What::FallOffApart(_) if of.is_none() => Some(0.0),
-        What::FallOffApart(_) if of == Some(widest) => Some(-1.0),
-        What::FallOffApart(c) => Some(f64::from(u8::from(own(c)))),
+        What::FallOffDifference(_) if of.is_none() => Some(0.0),
+        What::FallOffDifference(_) if of == Some(densest) => Some(-1.0),
+        What::FallOffDifference(c) => Some(f64::from(u8::from(own(c)))),
         _ => None,
     }
 }
@@ -57,8 +64,8 @@ fn sums(map: &Map, channels: &Channels) -> Vec<Sums> {
     let values = &map.plane.data;
     let sds = robust_sds(values, channels);
     let means = channels.means(values);
-    // r² by itself stays within 2.8 of its standard deviations and is not clipped.
-    let held = |v: f32, c: usize| {
+    // r² itself stays within 2.8 of its standard deviations and is not clipped.
+    let clipped = |v: f32, c: usize| {
         let (mean, most) = (means[c], CLIP * sds[c]);
         f64::from(v).clamp(mean - most, mean + most)
     };
@@ -68,7 +75,7 @@ fn sums(map: &Map, channels: &Channels) -> Vec<Sums> {
         let (x, y) = ((i % w) as f64 + 0.5 - wf / 2.0, (i / w) as f64 + 0.5 - hf / 2.0);
         i += 1;
         let t = 4.0 * (x * x + y * y) / (wf * wf + hf * hf);
-        let g = held(v, c);
+        let g = clipped(v, c);
         for (sum, term) in out[c].iter_mut().zip([1.0, t, t * t, g, t * g, g * g]) {
             *sum += term;
         }
@@ -76,22 +83,22 @@ fn sums(map: &Map, channels: &Channels) -> Vec<Sums> {
     out
 }
 
-/// k and its variance: by the noise of the channel's pixels, and by the patterns of rows and
-/// columns, of which a channel with a share s of the pixels has about √s.
-fn corner(&[n, t, tt, g, tg, gg]: &Sums, map: &Map, share: f64) -> (f64, f64) {
+/// The k of a channel. Its variance is from the noise of the channel's pixels and from the patterns of
+/// rows and columns, of which a channel with a share s of the pixels has about √s.
+fn fit(&[n, t, tt, g, tg, gg]: &Sums, map: &Map, share: f64) -> FallOff {
     let of_t = tt - t * t / n;
     let b = (tg - t * g / n) / of_t;
     let a = (g - b * t) / n;
-    let left = (gg - g * g / n - b * b * of_t).max(0.0) / (n - 2.0);
+    let residual = (gg - g * g / n - b * b * of_t).max(0.0) / (n - 2.0);
     let s = &map.spatial;
-    let (w, h) = (s.columns.len() as f64, s.rows.len() as f64);
-    let rows = (s.row_variance - s.pixel_variance / w).max(0.0) / (h * share.sqrt());
-    let columns = (s.column_variance - s.pixel_variance / h).max(0.0) / (w * share.sqrt());
-    // The part of r² that changes along y has a share q of the variance of r².
+    let (w, h) = (s.columns.means.len() as f64, s.rows.means.len() as f64);
+    let rows = (s.rows.variance - s.pixel_variance / w).max(0.0) / (h * share.sqrt());
+    let columns = (s.columns.variance - s.pixel_variance / h).max(0.0) / (w * share.sqrt());
+    // A share q of the variance of r² is along y.
     let q = h.powi(4) / (w.powi(4) + h.powi(4));
     let spread = of_t / n;
     let lines = (q * rows + (1.0 - q) * columns) / spread;
-    (b / a, (left / of_t + lines) / (a * a))
+    FallOff { k: b / a, variance: (residual / of_t + lines) / (a * a) }
 }
 
 #[cfg(test)]
@@ -131,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_and_their_scatter_are_those_put_in() {
+    fn fall_offs_and_their_standard_deviations_are_those_simulated() {
         let corners = [-0.05, -0.02, 0.03];
         let mut squares = 0.0;
         for seed in 0..20 {
@@ -143,19 +150,19 @@ mod tests {
                 squares += ((s.value - corners[c]) / s.sd).powi(2);
             }
         }
-        // 60 squares of a normal law; channels share the chance of rows, so as of 20: three of
-        // √(2/20).
+        // 60 squares of normal variates; channels share the rows' noise, so an effective 20: three
+        // times √(2/20).
         assert!((squares / 60.0 - 1.0).abs() < 3.0 * 0.1f64.sqrt(), "{}", squares / 60.0);
     }
 
     #[test]
-    fn of_uneven_light_only_differences_are_said() {
+    fn uneven_light_leaves_only_differences() {
         let (map, channels) = map(&[-0.05, -0.02, 0.03], false, 1);
-        let widest = channels.widest();
+        let widest = channels.densest();
         let found = fall_offs(&map, &channels);
         assert_eq!(found.len(), 2);
         for s in found {
-            let What::FallOffApart(c) = s.what else { panic!("{:?}", s.what) };
+            let What::FallOffDifference(c) = s.what else { panic!("{:?}", s.what) };
             let corners = [-0.05, -0.02, 0.03];
             let apart = corners[usize::from(c)] - corners[widest];
             assert!((s.value - apart).abs() < 4.0 * s.sd, "{} {apart} {}", s.value, s.sd);

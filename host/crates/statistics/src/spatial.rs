@@ -1,33 +1,28 @@
-//! What a map over pixels looks like: smooth terms, rows, columns, pixels, outliers, lattices.
+//! Decomposes a map over pixels: smooth terms, rows, columns, pixels, outliers, lattices.
 //!
-//! The parts are taken out of the map one after the other, each with outliers clipped, so that
+//! The components are estimated with outliers clipped and subtracted one after the other, so that
 //! none is counted twice: the mean, smooth terms, rows and columns, blocks, single pixels.
 
+use super::lines::{Lines, variance};
 use super::temporal::covariance;
 use crate::data::channels::Channels;
-use crate::numerics::spectrum::Spectrum;
 use camrig_base::Plane;
 use camrig_base::median::{SD_PER_MAD, median};
 
 /// Side of the blocks that show large-scale structure, pixels.
 pub const BLOCK: usize = 16;
-/// Pixels further than this from the middle, robust standard deviations, are outliers: a normal
-/// law has one in 26 million.
+/// Robust standard deviations from the mean above which a pixel is an outlier: one in 26 million of
+/// a normal distribution.
 const OUTLIER: f64 = 5.5;
-/// Values are clipped at this many robust standard deviations before they are summed: a normal law
-/// loses 1.2·10⁻⁴ of its variance, and an outlier counts no more than 16 pixels.
+/// Values are clipped at this many robust standard deviations before they are summed: a normal
+/// distribution loses 1.2·10⁻⁴ of its variance, and an outlier counts as much as 16 pixels at most.
 pub const CLIP: f64 = 4.0;
-/// Values are clipped further out, in units of [`CLIP`], while rows, columns and smooth terms are
-/// still in the map and widen it.
+/// Values are clipped at this multiple of [`CLIP`] while rows, columns and smooth terms are still in
+/// the map and widen its distribution.
 const CLIP_OF_WHOLE_MAP: f64 = 1.5;
-/// Lines over which uneven light is taken to be smooth. EMVA 1288 takes a high pass for the same
-/// reason.
-const SMOOTH_LINES: usize = 33;
-/// Periods of columns and rows that are looked for: those of converters shared by 2, 4 or 8 lines.
-pub const PERIODS: [usize; 3] = [2, 4, 8];
-/// Half waves over a map that count as smooth.
+/// Number of half waves over a map that count as smooth.
 pub const HALF_WAVES: usize = 4;
-/// A corner region has one in so many columns and rows.
+/// A corner region has 1/`CORNER_SHARE` of the columns and rows.
 pub const CORNER_SHARE: usize = 8;
 /// Side of the lattice whose phases are compared, pixels.
 pub const LATTICE: usize = 16;
@@ -40,59 +35,48 @@ pub const SMOOTH_TERMS: [&str; 5] = [
     "saddle",
 ];
 
-/// Description of a map, in the map's unit.
+/// The components of a map, in the map's unit.
 #[derive(Clone, Debug, Default)]
 pub struct Spatial {
     /// Amplitudes (root mean square) of the five [`smooth_terms`].
     pub slopes: [f64; 5],
-    /// Mean of each row, without slopes.
-    pub rows: Vec<f64>,
-    /// Mean of each column, without slopes.
-    pub columns: Vec<f64>,
-    /// Variance of row means beside what repeats after the longest of [`PERIODS`].
-    pub row_variance: f64,
-    /// The same of column means.
-    pub column_variance: f64,
-    /// Variance of what rows and columns leave, outliers clipped at 4 standard deviations.
+    /// Means of rows.
+    pub rows: Lines,
+    /// Means of columns.
+    pub columns: Lines,
+    /// Variance after subtraction of rows and columns, outliers clipped at 4 standard deviations.
     pub pixel_variance: f64,
     /// The same with outliers.
     pub whole_variance: f64,
-    /// Sum of squares of column-phase means over their expectation, for each of [`PERIODS`].
-    pub column_periods: [f64; 3],
-    /// The same for rows.
-    pub row_periods: [f64; 3],
-    /// Largest bin of the rows' power over the median.
-    pub row_peak: f64,
-    /// Largest bin of the columns' power over the median.
-    pub column_peak: f64,
-    /// Variance of the means of 16x16 blocks, times 256, over the pixel variance.
+    /// Variance of the means of 16x16 blocks, times 256, relative to the pixel variance.
     pub blocks: f64,
-    /// What cosines of up to four half waves over the map leave of it, per degree of freedom.
+    /// The same after subtraction of cosines of up to four half waves over the map, per degree of
+    /// freedom.
     pub fine_blocks: f64,
     /// Means of the four corner regions (an eighth of each side): top left, top right, bottom
     /// left, bottom right.
     pub corners: [f64; 4],
-    /// Contrasts of the 2x2 phases: even rows less odd, even columns less odd, one half of a
-    /// checkerboard less the other.
+    /// Contrasts of the 2x2 phases: even minus odd rows, even minus odd columns, one half of a
+    /// checkerboard minus the other.
     pub phases: [f64; 3],
     /// Correlation with the neighbour right, below, and diagonally below.
     pub correlation: [f64; 3],
     /// Number of bright outliers.
     pub high: f64,
-    /// Sum of the bright outliers' distances from the middle.
+    /// Sum of the bright outliers' deviations.
     pub high_sum: f64,
     /// Number of dark outliers.
     pub low: f64,
-    /// Sum of the dark outliers' distances from the middle (negative).
+    /// Sum of the dark outliers' deviations (negative).
     pub low_sum: f64,
     /// Skewness of the clipped pixels.
     pub skewness: f64,
     /// Excess kurtosis of the clipped pixels.
     pub kurtosis: f64,
-    /// Third and fourth cumulant of the pixels with outliers.
+    /// Third and fourth cumulant of the pixels, outliers included.
     pub cumulants: [f64; 2],
-    /// Largest mean over a phase of the 16x16 lattice, 2x2 phases taken out, in its standard
-    /// deviations.
+    /// Largest mean over a phase of the 16x16 lattice, after subtraction of the 2x2 phases, in
+    /// standard deviations.
     pub lattice: f64,
 }
 
@@ -103,7 +87,7 @@ pub fn smooth_terms(u: f64, v: f64) -> [f64; 5] {
     [r3 * u, r3 * v, r5 * (3.0 * u * u - 1.0), r5 * (3.0 * v * v - 1.0), 3.0 * u * v]
 }
 
-/// Robust standard deviation.
+/// Robust standard deviation, from the median absolute deviation.
 fn robust_sd(mut v: Vec<f32>) -> f64 {
     let middle = median(&mut v, f32::total_cmp);
     v.iter_mut().for_each(|x| *x = (*x - middle).abs());
@@ -117,13 +101,8 @@ pub fn robust_sds(d: &[f32], channels: &Channels) -> Vec<f64> {
     own.into_iter().map(robust_sd).collect()
 }
 
-fn variance(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0).max(1.0)
-}
-
-/// Describes a map of pixels in channels. Where the light may be uneven, rows and columns tell
-/// only what changes within `SMOOTH_LINES` of them.
+/// Decomposes a map. Where the light may be uneven (`even` false), rows and columns are high-pass
+/// filtered.
 pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let (w, h) = (map.width, map.height);
     let n = (w * h) as f64;
@@ -131,9 +110,10 @@ pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let mut d: Vec<f32> = map.data.iter().map(|&v| (f64::from(v) - mean) as f32).collect();
     let scale = robust_sd(d.clone()).max(1e-12);
     let limit = (CLIP_OF_WHOLE_MAP * CLIP * scale) as f32;
-    let mut s = Spatial { slopes: take_smooth_terms(&mut d, w, h, limit), ..Spatial::default() };
-    describe_lines(&mut d, w, h, limit, even, &mut s);
-    // Blocks without rows and columns, whose patterns whole lines of blocks would share.
+    let mut s =
+        Spatial { slopes: subtract_smooth_terms(&mut d, w, h, limit), ..Spatial::default() };
+    subtract_lines(&mut d, w, h, limit, even, &mut s);
+    // Blocks after subtraction of rows and columns, whose patterns lines of blocks would share.
     let (blocks, fine_blocks) = blocks(&d, w, h, limit);
     let sd = robust_sd(d.clone()).max(1e-12);
     describe_outliers(&d, channels, &mut s);
@@ -144,14 +124,15 @@ pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     s
 }
 
-/// Amplitudes of the smooth terms of a map of mean 0, outliers clipped, which are then taken out.
-fn take_smooth_terms(d: &mut [f32], w: usize, h: usize, limit: f32) -> [f64; 5] {
+/// Subtracts the smooth terms from a map of mean 0 and returns their amplitudes; outliers are
+/// clipped.
+fn subtract_smooth_terms(d: &mut [f32], w: usize, h: usize, limit: f32) -> [f64; 5] {
     let n = (w * h) as f64;
     let mut slopes = [0.0; 5];
     let u: Vec<f64> = (0..w).map(|x| (x as f64 + 0.5) / w as f64 * 2.0 - 1.0).collect();
     for (y, row) in d.chunks(w).enumerate() {
         let v = (y as f64 + 0.5) / h as f64 * 2.0 - 1.0;
-        // Moments of the row over u give all five sums.
+        // All five sums follow from moments of the row over u.
         let (mut m0, mut m1, mut m2) = (0.0, 0.0, 0.0);
         for (&x, &u) in row.iter().zip(&u) {
             let x = f64::from(x.clamp(-limit, limit));
@@ -178,24 +159,18 @@ fn take_smooth_terms(d: &mut [f32], w: usize, h: usize, limit: f32) -> [f64; 5] 
     slopes
 }
 
-/// What rows, columns, corners and 2x2 phases of a map show; rows and columns are then taken out.
-fn describe_lines(d: &mut [f32], w: usize, h: usize, limit: f32, even: bool, s: &mut Spatial) {
-    let held = |x: f32| f64::from(x.clamp(-limit, limit));
+/// Describes rows, columns, corners and 2x2 phases of a map, then subtracts rows and columns.
+fn subtract_lines(d: &mut [f32], w: usize, h: usize, limit: f32, even: bool, s: &mut Spatial) {
+    let clipped = |x: f32| f64::from(x.clamp(-limit, limit));
     let rows: Vec<f64> =
-        d.chunks(w).map(|r| r.iter().map(|&x| held(x)).sum::<f64>() / w as f64).collect();
+        d.chunks(w).map(|r| r.iter().map(|&x| clipped(x)).sum::<f64>() / w as f64).collect();
     let mut columns = vec![0.0; w];
     for row in d.chunks(w) {
-        columns.iter_mut().zip(row).for_each(|(c, &x)| *c += held(x));
+        columns.iter_mut().zip(row).for_each(|(c, &x)| *c += clipped(x));
     }
     columns.iter_mut().for_each(|c| *c /= h as f64);
-    s.rows = if even { rows.clone() } else { without_smooth(&rows) };
-    s.columns = if even { columns.clone() } else { without_smooth(&columns) };
-    s.row_variance = aperiodic_variance(&s.rows);
-    s.column_variance = aperiodic_variance(&s.columns);
-    s.row_periods = periods(&s.rows);
-    s.column_periods = periods(&s.columns);
-    s.row_peak = peak(&s.rows);
-    s.column_peak = peak(&s.columns);
+    s.rows = Lines::new(rows.clone(), even);
+    s.columns = Lines::new(columns.clone(), even);
     s.corners = corners(d, w, h, limit);
     s.phases = phases(d, w, h, limit);
     for (row, mean) in d.chunks_mut(w).zip(&rows) {
@@ -203,21 +178,21 @@ fn describe_lines(d: &mut [f32], w: usize, h: usize, limit: f32, even: bool, s: 
     }
 }
 
-/// Outliers of single pixels, and their moments with outliers. Outliers are those of their own
-/// channel: the gain map of a channel with less light has more noise.
+/// Counts the outliers among single pixels, and computes moments that include them. The limit is that
+/// of each channel: the gain map of a channel with less light has more noise.
 fn describe_outliers(d: &[f32], channels: &Channels, s: &mut Spatial) {
     let n = d.len() as f64;
-    let edges: Vec<f64> =
+    let limits: Vec<f64> =
         robust_sds(d, channels).into_iter().map(|sd| OUTLIER * sd.max(1e-12)).collect();
     channels.visit(d, |x, channel| {
         let x = f64::from(x);
         s.whole_variance += x * x;
         s.cumulants[0] += x * x * x;
         s.cumulants[1] += x * x * x * x;
-        if x > edges[channel] {
+        if x > limits[channel] {
             s.high += 1.0;
             s.high_sum += x;
-        } else if x < -edges[channel] {
+        } else if x < -limits[channel] {
             s.low += 1.0;
             s.low_sum += x;
         }
@@ -226,7 +201,7 @@ fn describe_outliers(d: &[f32], channels: &Channels, s: &mut Spatial) {
     s.cumulants = [s.cumulants[0] / n, s.cumulants[1] / n - 3.0 * s.whole_variance.powi(2)];
 }
 
-/// Clips single pixels at `clip`, and describes what remains: moments, correlation of neighbours.
+/// Clips single pixels at `clip` and describes them: moments, correlation of neighbours.
 fn describe_clipped(d: &mut [f32], w: usize, h: usize, clip: f32, s: &mut Spatial) {
     let n = (w * h) as f64;
     d.iter_mut().for_each(|x| *x = x.clamp(-clip, clip));
@@ -245,70 +220,8 @@ fn describe_clipped(d: &mut [f32], w: usize, h: usize, clip: f32, s: &mut Spatia
     }
 }
 
-/// Degrees of freedom of so many lines after smooth terms and the means of the longest period were
-/// taken out.
-pub fn aperiodic(lines: f64) -> f64 {
-    lines - PERIODS[PERIODS.len() - 1] as f64 - 2.0
-}
-
-/// Lines less the mean of the `SMOOTH_LINES` around each; near the ends of fewer, as many on
-/// either side, so that a slope leaves nothing.
-fn without_smooth(lines: &[f64]) -> Vec<f64> {
-    let less_mean = |i: usize| {
-        let reach = (SMOOTH_LINES / 2).min(i).min(lines.len() - 1 - i);
-        let around = &lines[i - reach..=i + reach];
-        lines[i] - around.iter().sum::<f64>() / around.len() as f64
-    };
-    (0..lines.len()).map(less_mean).collect()
-}
-
-/// Mean of the lines of each phase of a period.
-pub fn phase_means(lines: &[f64], period: usize) -> Vec<f64> {
-    let of = |phase: usize| lines.iter().skip(phase).step_by(period);
-    (0..period).map(|phase| of(phase).sum::<f64>() / of(phase).count() as f64).collect()
-}
-
-/// Variance of lines about the means of the longest period, so that a period is no random pattern.
-fn aperiodic_variance(lines: &[f64]) -> f64 {
-    let period = PERIODS[PERIODS.len() - 1].min(lines.len());
-    let mut sum = 0.0;
-    for (phase, mean) in phase_means(lines, period).into_iter().enumerate() {
-        let own = lines.iter().skip(phase).step_by(period);
-        sum += own.map(|v| (v - mean).powi(2)).sum::<f64>();
-    }
-    sum / (lines.len() - period).max(1) as f64
-}
-
-/// Variance of lines between the phases of each period over that within: 1 where there is no
-/// period.
-fn periods(lines: &[f64]) -> [f64; 3] {
-    let mean = lines.iter().sum::<f64>() / lines.len() as f64;
-    let var = variance(lines).max(1e-300);
-    PERIODS.map(|p| {
-        let mut sum = 0.0;
-        for phase in 0..p {
-            let (mut total, mut count) = (0.0, 0.0);
-            for v in lines.iter().skip(phase).step_by(p) {
-                total += v - mean;
-                count += 1.0;
-            }
-            sum += total * total / f64::max(count, 1.0);
-        }
-        let between = sum / (p as f64 - 1.0);
-        let within = ((lines.len() as f64 - 1.0) * var - sum) / (lines.len() - p) as f64;
-        between / within.max(1e-300)
-    })
-}
-
-/// Largest bin of the power over the mean of an exponential law with the power's median.
-fn peak(lines: &[f64]) -> f64 {
-    let mut power = Spectrum::of(lines);
-    let highest = power.iter().copied().fold(0.0, f64::max);
-    let mean = median(&mut power, f64::total_cmp) / std::f64::consts::LN_2;
-    highest / mean.max(1e-300)
-}
-
-/// Variance of block means x the pixels of a block: all of it, and what smooth cosines leave.
+/// Variance of block means × the pixels of a block: as it is, and after subtraction of smooth
+/// cosines.
 fn blocks(d: &[f32], w: usize, h: usize, limit: f32) -> (f64, f64) {
     let (across, down) = (w / BLOCK, h / BLOCK);
     let mut blocks = vec![0.0f64; across * down];
@@ -335,8 +248,8 @@ fn corners(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 4] {
     })
 }
 
-/// Variance of a grid of means that cosines of up to [`HALF_WAVES`] half waves leave, per degree
-/// of freedom.
+/// Variance of a grid of means after subtraction of cosines of up to [`HALF_WAVES`] half waves, per
+/// degree of freedom.
 fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
     let n = blocks.len() as f64;
     let (nx, ny) = ((HALF_WAVES + 1).min(across), (HALF_WAVES + 1).min(down));
@@ -344,7 +257,7 @@ fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
         let scale = if k == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
         scale * libm::cos(std::f64::consts::PI * k as f64 * (i as f64 + 0.5) / n as f64)
     };
-    let mut left: f64 = blocks.iter().map(|b| b * b).sum();
+    let mut remaining: f64 = blocks.iter().map(|b| b * b).sum();
     for ky in 0..ny {
         for kx in 0..nx {
             let mut sum = 0.0;
@@ -353,10 +266,10 @@ fn beyond_cosines(blocks: &[f64], across: usize, down: usize) -> f64 {
                 sum += terms.sum::<f64>() * wave(ky, y, down);
             }
             // Cosines at the centres of a grid are orthogonal, of mean square 1.
-            left -= sum * sum / n;
+            remaining -= sum * sum / n;
         }
     }
-    left.max(0.0) / (n - (nx * ny) as f64).max(1.0)
+    remaining.max(0.0) / (n - (nx * ny) as f64).max(1.0)
 }
 
 /// Contrasts of the means of the 2x2 phases, outliers clipped: rows, columns, checkerboard. They
@@ -375,8 +288,8 @@ fn phases(d: &[f32], w: usize, h: usize, limit: f32) -> [f64; 3] {
     [(a + b - c - e) / 2.0, (a + c - b - e) / 2.0, (a + e - b - c) / 2.0]
 }
 
-/// Largest mean over a phase of the lattice, 2x2 phases taken out, in its standard deviations; 0
-/// for a map smaller than the lattice.
+/// Largest mean over a phase of the lattice, after subtraction of the 2x2 phases, in standard
+/// deviations; 0 for a map smaller than the lattice.
 fn lattice(d: &[f32], w: usize, h: usize, pixel_variance: f64) -> f64 {
     let (across, down) = (w / LATTICE, h / LATTICE);
     if across == 0 || down == 0 {
@@ -396,8 +309,8 @@ fn lattice(d: &[f32], w: usize, h: usize, pixel_variance: f64) -> f64 {
         phases[phase(i)] += l / (LATTICE * LATTICE / 4) as f64;
     }
     let sd = (pixel_variance / count).sqrt().max(1e-300);
-    let off = lattice.iter().enumerate().map(|(i, l)| (l - phases[phase(i)]).abs() / sd);
-    off.fold(0.0, f64::max)
+    let deviations = lattice.iter().enumerate().map(|(i, l)| (l - phases[phase(i)]).abs() / sd);
+    deviations.fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -415,12 +328,12 @@ mod tests {
     }
 
     #[test]
-    fn outliers_are_those_of_their_own_channel() {
+    fn outliers_are_relative_to_their_own_channel() {
         let (w, h) = (128, 96);
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
         let channels = channels_of(w);
         assert!(channels.count() > 1);
-        // One channel has five times the noise of the others: their edge is at 1.1 of its standard
+        // One channel has five times the noise of the others: their limit is 1.1 of its standard
         // deviations.
         let mut data: Vec<f32> = (0..w * h).map(|_| StandardNormal.sample(&mut rng)).collect();
         let sd: Vec<f64> = (0..channels.count()).map(|c| if c == 0 { 5.0 } else { 1.0 }).collect();
@@ -431,15 +344,14 @@ mod tests {
         let mut weak = map;
         weak.data.iter_mut().step_by(1001).for_each(|v| *v -= 40.0);
         let s = describe(&weak, &channels, true);
-        // Rows and columns take a share of 1/w + 1/h with them, the noise at most √(25/13) in the
-        // mean.
+        // Rows and columns absorb a share of 1/w + 1/h; the noise of the mean is at most √(25/13).
         assert_eq!(s.low, 13.0);
         let share = 40.0 * (1.0 / w as f64 + 1.0 / h as f64);
         assert!((s.low_sum / s.low + 40.0).abs() < share + 3.0 * (25.0f64 / 13.0).sqrt());
     }
 
     #[test]
-    fn parts_come_apart() {
+    fn components_are_separated() {
         let (w, h) = (256, 192);
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
         let mut normal = |n: usize, sd: f64| -> Vec<f64> {
@@ -474,14 +386,14 @@ mod tests {
         // Three standard errors of each estimate: slope √(4/n + 0.0625/w), variances √(2/lines).
         assert!((s.slopes[2] - 0.8).abs() < 3.0 * (4.0 / 49152.0f64 + 0.0725 / 256.0).sqrt());
         assert!(
-            (s.row_variance / (0.25 + 4.0 / 256.0) - 1.0).abs() < 3.0 * (2.0f64 / 192.0).sqrt()
+            (s.rows.variance / (0.25 + 4.0 / 256.0) - 1.0).abs() < 3.0 * (2.0f64 / 192.0).sqrt()
         );
         assert!((s.pixel_variance / 4.0 - 1.0).abs() < 3.0 * (2.0f64 / 49152.0).sqrt() + 0.005);
         assert_eq!(s.high, 10.0);
         assert!((s.high_sum / 400.0 - 1.0).abs() < 0.1);
-        assert!(s.column_periods[0] > 5.0 && s.row_periods[0] < 12.0);
-        // A wave of one period over the frame is light: rows, columns and pixels stay what they
-        // were.
+        assert!(s.columns.periods[0] > 5.0 && s.rows.periods[0] < 12.0);
+        // A wave of one period over the frame is uneven light: rows, columns and pixels stay the
+        // same.
         let mut waved = map;
         for (y, row) in waved.data.chunks_mut(w).enumerate() {
             let wave = 3.0 * (y as f64 / h as f64 * std::f64::consts::TAU).sin() as f32;
@@ -489,12 +401,12 @@ mod tests {
         }
         let smooth = describe(&waved, &channels_of(w), false);
         assert!(
-            (smooth.row_variance / s.row_variance - 1.0).abs() < 0.3,
+            (smooth.rows.variance / s.rows.variance - 1.0).abs() < 0.3,
             "{}",
-            smooth.row_variance
+            smooth.rows.variance
         );
         assert!((smooth.pixel_variance / s.pixel_variance - 1.0).abs() < 1e-3);
-        assert!(smooth.column_periods[0] > 5.0);
-        assert!(describe(&waved, &channels_of(w), true).row_variance > 3.0 * s.row_variance);
+        assert!(smooth.columns.periods[0] > 5.0);
+        assert!(describe(&waved, &channels_of(w), true).rows.variance > 3.0 * s.rows.variance);
     }
 }

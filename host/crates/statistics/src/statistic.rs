@@ -1,13 +1,13 @@
-//! The vocabulary of the battery: where a statistic was taken, what it is, on which scale its
-//! scatter is normal, and the statistics of a set by name.
+//! What a statistic is: where it was measured, what it measures, its value and standard deviation,
+//! and the scale on which it is normally distributed.
 //!
-//! The order of the variants is the order of statistics in every sum over them, and so part of the
-//! result: new variants go to the end.
+//! Statistics are summed in the order of the variants, which therefore is part of the result: new
+//! variants go to the end.
 
 use super::maps::MapKind;
 use std::collections::BTreeMap;
 
-/// Where a statistic was taken.
+/// Where a statistic was measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Place {
     /// A dark or flat stack: its index in [`Design::conditions`](crate::data::design::Design).
@@ -22,31 +22,32 @@ pub enum Place {
 
 /// Index of a channel in the camera's `channel_names`.
 pub type Channel = u8;
-/// Index into [`LAGS`](super::temporal::LAGS): how many columns and rows two pixels are apart.
+/// Index into [`LAGS`](super::temporal::LAGS): the distance of two pixels in columns and rows.
 pub type Lag = u8;
 /// Index into [`SMOOTH_TERMS`](super::spatial::SMOOTH_TERMS): a slope or curvature over the
 /// sensor.
 pub type Term = u8;
 /// Index into [`CODE_PERIODS`](super::codes::CODE_PERIODS): a period of the converter's codes.
 pub type CodePeriod = u8;
-/// Index into [`PERIODS`](super::spatial::PERIODS): a period of rows or columns.
+/// Index into [`PERIODS`](super::lines::PERIODS): a period of rows or columns.
 pub type LinePeriod = u8;
 /// A neighbour: to the right (0), below (1), diagonally below (2).
 pub type Neighbour = u8;
 /// A corner of the sensor: top left, top right, bottom left, bottom right.
 pub type Corner = u8;
 
-/// What was taken.
+/// What a statistic measures.
 ///
-/// "White" is noise that is independent from pixel to pixel and frame to frame with the stack's
-/// pixel variance; ratios to it are 1 where there is no other.
+/// "White" means noise that is independent between pixels and frames, with the stack's pixel
+/// variance; ratios to it are 1 where there is no other noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum What {
-    /// Mean of a channel, DN; of all stacks but the reference dark relative to that one.
+    /// Mean of a channel, DN, relative to the reference dark; absolute for that stack itself.
     Mean(Channel),
-    /// Double ratio of a channel to the one with most light, over that of the reference flat.
+    /// Ratio of a channel to the one with most light, divided by that of the reference flat.
     Ratio(Channel),
-    /// Variance over time of a channel's pixels, without frame, row and column parts, DN².
+    /// Variance over time of a channel's pixels, without the components of frames, rows and columns,
+    /// DN².
     Variance(Channel),
     /// Variance of the frames' means over that of white noise.
     FrameVariance,
@@ -60,31 +61,31 @@ pub enum What {
     RowLag,
     /// Power of row means at the lowest frequencies over the mean of all.
     RowSlow,
-    /// Highest line in the spectrum of row means, as a normal deviate.
+    /// Highest line in the spectrum of row means, as a standard normal variate.
     RowPeak,
     /// Variance over time of column means over that of white noise.
     ColumnVariance,
     /// Power of column means at the lowest frequencies over the mean of all.
     ColumnSlow,
-    /// Highest line in the spectrum of column means, as a normal deviate.
+    /// Highest line in the spectrum of column means, as a standard normal variate.
     ColumnPeak,
-    /// Correlation over time of pixels a lag apart.
+    /// Correlation over time of pixels at a lag.
     Covariance(Lag),
     /// Variance over time of means of 8x8 pixels over that of white noise.
     BlockVariance,
-    /// Highest line in the spectrum of pixels over both frequencies, as a normal deviate.
+    /// Highest line in the two-dimensional spectrum of pixels, as a standard normal variate.
     PlanePeak,
-    /// Spread of the pixels' variances over that of χ² laws.
+    /// Spread of the pixels' variances relative to that of a χ² distribution.
     Spread,
-    /// Number of pixels whose variance a χ² law passes once in a million.
+    /// Number of pixels whose variance a χ² distribution exceeds once in a million.
     NoisyPixels,
     /// Change of the pixels' variance over the sensor, relative to its mean.
     NoiseSlope(Term),
-    /// Variance of the noise of 16x16 blocks over what independent pixels give.
+    /// Variance of the noise of 16x16 blocks relative to independent pixels.
     NoiseBlocks,
-    /// Skewness: of the noise over time, or of a map's pixels without outliers.
+    /// Skewness of the noise over time, or of a map's pixels, outliers clipped.
     Skewness,
-    /// Excess kurtosis: of the noise over time, or of a map's pixels without outliers.
+    /// Excess kurtosis of the noise over time, or of a map's pixels, outliers clipped.
     Kurtosis,
     /// Fourth moment over squared variance of the noisiest pixels.
     TopKurtosis,
@@ -96,29 +97,29 @@ pub enum What {
     Zeros,
     /// Share of samples at the highest code.
     Saturated,
-    /// Power of a wave of some codes' period in the histogram, over its Poisson scatter.
+    /// Power of a wave of a period in codes in the histogram, relative to its Poisson scatter.
     Codes(CodePeriod),
-    /// Mean square fourth difference of the histogram over its Poisson scatter.
+    /// Mean square fourth difference of the histogram relative to its Poisson scatter.
     Roughness,
     /// Number of codes that do not occur between two that do.
     MissingCodes,
-    /// Slope or curvature of a map, root mean square, in the map's unit.
+    /// Slope or curvature of a map, RMS, in the map's unit.
     Slope(Term),
-    /// Variance of a map's row means, periodic part left out, in the map's unit squared.
+    /// Variance of a map's row means, without the periodic part, in the map's unit squared.
     RowPattern,
-    /// Highest line in the spectrum of a map's row means, as a normal deviate.
+    /// Highest line in the spectrum of a map's row means, as a standard normal variate.
     RowPatternPeak,
-    /// Variance of a map's column means, periodic part left out, in the map's unit squared.
+    /// Variance of a map's column means, without the periodic part, in the map's unit squared.
     ColumnPattern,
-    /// Highest line in the spectrum of a map's column means, as a normal deviate.
+    /// Highest line in the spectrum of a map's column means, as a standard normal variate.
     ColumnPatternPeak,
-    /// Variance of a map's columns between the phases of a period over that within.
+    /// Variance of a map's columns between the phases of a period relative to that within.
     ColumnPeriod(LinePeriod),
-    /// Variance of a map's rows between the phases of a period over that within.
+    /// Variance of a map's rows between the phases of a period relative to that within.
     RowPeriod(LinePeriod),
     /// Variance of a map's pixels, outliers clipped, in the map's unit squared.
     PixelPattern,
-    /// Variance of a map's pixels with outliers over that with outliers clipped.
+    /// Variance of a map's pixels relative to that with outliers clipped.
     Tails,
     /// Number of bright outliers of a map.
     High,
@@ -126,30 +127,30 @@ pub enum What {
     Low,
     /// Correlation of a map's pixels with a neighbour.
     MapCovariance(Neighbour),
-    /// Variance of a map's 16x16 blocks over what independent pixels give.
+    /// Variance of a map's 16x16 blocks relative to independent pixels.
     MapBlocks,
-    /// The same after the smooth part was taken out.
+    /// The same after subtraction of the smooth part.
     FineBlocks,
     /// Mean of a corner of a map, in the map's unit.
     Corner(Corner),
-    /// Mean of a map's even rows less that of its odd rows, in the map's unit.
+    /// Mean of a map's even rows minus that of its odd rows, in the map's unit.
     EveryOtherRow,
-    /// Mean of a map's even columns less that of its odd columns, in the map's unit.
+    /// Mean of a map's even columns minus that of its odd columns, in the map's unit.
     EveryOtherColumn,
-    /// Mean of one half of a map's checkerboard less that of the other, in the map's unit.
+    /// Mean of one half of a map's checkerboard minus that of the other, in the map's unit.
     Checkerboard,
     /// Relative change of a channel's gain from the centre to the corners.
     FallOff(Channel),
-    /// The same less that of the channel with most pixels.
-    FallOffApart(Channel),
-    /// Largest mean over a phase of the 16x16 lattice of a map, as a normal deviate.
+    /// The same minus that of the channel with most pixels.
+    FallOffDifference(Channel),
+    /// Largest mean over a phase of the 16x16 lattice of a map, as a standard normal variate.
     Lattice,
-    /// Mean of the dark frames after light, relative to that light.
+    /// Mean signal of the dark frames after light, relative to that light.
     AfterImage,
     /// A figure of a target.
     Of(Figure),
-    /// Median of a map's pixels, in the map's unit: its level, whatever hot pixels add to the mean.
-    Middle,
+    /// Median of a map's pixels, in the map's unit: its level without the influence of hot pixels.
+    Median,
 }
 
 /// Ring of a dot's distance from the centre of the frame: 0 to [`RINGS`](super::targets::RINGS) −
@@ -175,15 +176,15 @@ pub enum Figure {
         /// Channel.
         channel: Channel,
     },
-    /// Mean displacement of dots from their ideal places away from the centre, pixels.
-    Outwards(Ring),
+    /// Mean displacement of dots from their ideal positions, away from the centre, pixels.
+    Radial(Ring),
     /// The same to the right.
-    Rightwards(Ring),
+    Horizontal(Ring),
     /// The same downwards.
-    Downwards(Ring),
-    /// Displacement of a channel's dots outwards from those of the most densely sampled channel,
-    /// pixels.
-    Apart {
+    Vertical(Ring),
+    /// Displacement of a channel's dots away from the centre, relative to those of the most densely
+    /// sampled channel, pixels.
+    LateralColour {
         /// Channel.
         channel: Channel,
         /// Ring.
@@ -192,7 +193,7 @@ pub enum Figure {
     /// Root mean square radius of the dots, pixels.
     DotRadius(Ring),
     /// Level between the dots, DN above black.
-    Ground {
+    Background {
         /// Channel.
         channel: Channel,
         /// Ring.
@@ -210,25 +211,24 @@ pub enum Figure {
 }
 
 impl Figure {
-    /// Whether it is in proportion to the amount of light.
+    /// Whether it is proportional to the amount of light.
     pub fn is_level(self) -> bool {
-        matches!(self, Self::EdgeLevel { .. } | Self::Ground { .. } | Self::PatchMean { .. })
+        matches!(self, Self::EdgeLevel { .. } | Self::Background { .. } | Self::PatchMean { .. })
     }
 }
 
 impl What {
-    /// Whether the measured value may be more uncertain than the model's replicates say, by its
-    /// own account: one pixel that stands out in a patch is chance, which the patch's kurtosis
-    /// shows.
-    pub fn tells_its_scatter(self) -> bool {
+    /// Whether the standard deviation of the measured value counts in addition to that of replicates:
+    /// an outlier in a patch is a chance event, which the patch's kurtosis shows.
+    pub fn has_own_uncertainty(self) -> bool {
         matches!(self, Self::Of(Figure::PatchScatter(_)))
     }
 }
 
-/// The scale on which a statistic's scatter is normal.
+/// The scale on which a statistic is normally distributed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Its own.
+    /// Its own unit.
     Linear,
     /// Its natural logarithm.
     Log,
@@ -239,7 +239,7 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// A value on this scale.
+    /// Transforms a value to this scale.
     pub fn of(self, value: f64) -> f64 {
         match self {
             Scale::Linear | Scale::Count => value,
@@ -252,13 +252,13 @@ impl Scale {
 /// One statistic.
 #[derive(Clone, Copy, Debug)]
 pub struct Statistic {
-    /// Where it was taken.
+    /// Where it was measured.
     pub place: Place,
-    /// What it is.
+    /// What it measures.
     pub what: What,
     /// Its value, in its own unit.
     pub value: f64,
-    /// Standard deviation on its scale by its sampling law; not used of counts.
+    /// Standard deviation on its scale, from its sampling distribution; unused for counts.
     pub sd: f64,
     /// Its scale.
     pub scale: Scale,

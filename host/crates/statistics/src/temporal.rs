@@ -1,7 +1,7 @@
 //! Moments over time of one stack of frames, streamed in batches.
 //!
-//! Residuals are taken against the mean of their own batch, then split as frame + row + column +
-//! pixel. Sums are divided by the degrees of freedom that the batches' means leave.
+//! Residuals are relative to the mean of their own batch, and are divided into components of frame,
+//! row, column and pixel. Sums are divided by the degrees of freedom that the batches' means leave.
 
 use crate::numerics::lanes;
 use crate::numerics::spectrum::{Spectrum, Spectrum2};
@@ -11,10 +11,10 @@ use camrig_vector::vectorised;
 
 /// Side of the blocks whose means show large-scale noise, pixels.
 pub const BLOCK: usize = 8;
-/// Neighbours whose covariance is kept: how many columns and rows they are apart.
+/// Distances in columns and rows of the neighbours whose covariance is computed.
 pub const LAGS: [(isize, usize); 6] = [(1, 0), (0, 1), (1, 1), (-1, 1), (2, 0), (0, 2)];
 
-/// Moments of a stack. DN throughout.
+/// Moments of a stack, in DN and its powers.
 #[derive(Clone, Debug)]
 pub struct Temporal {
     /// Columns.
@@ -23,43 +23,42 @@ pub struct Temporal {
     pub height: usize,
     /// Frames.
     pub frames: usize,
-    /// Frames less one for each batch.
+    /// Degrees of freedom: the number of frames minus one for each batch.
     pub dof: f64,
     /// Mean frame.
     pub mean: Plane<f32>,
     /// Mean of each frame in order of time.
     pub frame_means: Vec<f64>,
-    /// Means of the rows of each frame, less its own mean.
+    /// Means of the rows of each frame, minus the mean of the frame.
     pub row_means: Vec<f32>,
-    /// Variance over time of each pixel, without frame, row and column parts.
+    /// Variance over time of each pixel, without the components of frame, row and column.
     pub pixel_variance: Vec<f32>,
-    /// Third and fourth moments over time and product with the frame before, of each pixel.
+    /// Third moment over time of each pixel.
     pub pixel_third: Vec<f32>,
-    /// See `pixel_third`.
+    /// Fourth moment over time of each pixel.
     pub pixel_fourth: Vec<f32>,
-    /// See `pixel_third`.
+    /// Covariance of each pixel in successive frames.
     pub pixel_lag: Vec<f32>,
-    /// Covariance of pixels that are [`LAGS`] apart.
+    /// Covariance of pixels at the distances [`LAGS`].
     pub covariance: [f64; 6],
-    /// Variance of means over 8x8 pixels, as that of a single pixel (white: the pixel variance).
+    /// Variance of means over 8x8 pixels, times 64; of white noise, the pixel variance.
     pub block_variance: f64,
-    /// Power of row means along the column, bins 1..: white row means of variance v give v in
-    /// each.
+    /// Power spectrum of row means, bins 1 and up: v in each for white row means of variance v.
     pub row_power: Vec<f64>,
-    /// Power of column means along the row.
+    /// Power spectrum of column means.
     pub column_power: Vec<f64>,
-    /// Covariance of the means of rows next to each other.
+    /// Covariance of the means of adjacent rows.
     pub row_lag: f64,
-    /// Samples of each code.
+    /// Number of samples of each code.
     pub histogram: Vec<u32>,
-    /// Power of pixel residuals over two frequencies, where asked for.
+    /// Two-dimensional power spectrum of pixel residuals, if requested.
     pub power: Option<Vec<f32>>,
 }
 
 impl Temporal {
-    /// Gives the outermost pixels the moments of the nearest ones further in with the same place
-    /// in the colour filter pattern: how they share light and charge with what lies beyond the
-    /// array's edge no model knows.
+    /// Replaces the moments of the outermost pixels by those of the nearest inner ones at the same
+    /// position in the colour filter pattern: no model knows how the outermost pixels share light and
+    /// charge with the surroundings of the array.
     pub fn without_border(mut self, pattern: &Pattern) -> Self {
         let (w, h) = (self.width, self.height);
         let (across, down) = (usize::from(pattern.width), usize::from(pattern.height));
@@ -101,23 +100,23 @@ pub fn mean(values: &[f32]) -> f64 {
     values.chunks(1 << 12).map(lanes::sum).sum::<f64>() / values.len() as f64
 }
 
-/// What the frames of a batch are taken against.
+/// The mean of a batch, to which its frames are relative.
 struct Batch {
     mean: Vec<f32>,
     /// Mean of all pixels.
     level: f64,
-    /// Means of rows less `level`.
+    /// Means of rows minus `level`.
     rows: Vec<f64>,
 }
 
 /// Collects [`Temporal`].
 pub struct Collector {
-    /// Its mean is that of the first batch until the end.
+    /// Its mean is that of the first batch until [`Collector::finish`].
     t: Temporal,
     /// Sums over several batches; empty while there is one.
     sum: Vec<f64>,
-    /// Samples of each code in four histograms, one for every fourth column: the same code often
-    /// occurs many times in a row, and a counter is not read again right after it was written.
+    /// Number of samples of each code in four histograms, for every fourth column: as the same code
+    /// often repeats along a row, this avoids reading a counter right after writing it.
     histogram: Vec<[u32; 4]>,
     rows: Spectrum,
     columns: Spectrum,
@@ -126,7 +125,7 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// For frames of this size; `plane` asks for the power over two frequencies.
+    /// For frames of this size; `plane` requests the two-dimensional power spectrum.
     pub fn new(width: usize, height: usize, bits: u32, plane: bool) -> Self {
         let n = width * height;
         let t = Temporal {
@@ -193,8 +192,8 @@ impl Collector {
         self.lag_dof += n as f64 - 1.0;
     }
 
-    /// Makes sums of the mean of the only batch so far: they are whole, and small enough that
-    /// their mean tells them.
+    /// Computes the sums of the first batch from its mean: they are integers small enough that the
+    /// mean determines them.
     fn sum_first_batch(&mut self) {
         if self.sum.is_empty() {
             let n = self.t.frames as f64;
@@ -202,7 +201,7 @@ impl Collector {
         }
     }
 
-    /// One frame: its residuals go into `out`.
+    /// Adds one frame and writes its residuals to `out`.
     #[inline(always)]
     fn frame(&mut self, frame: &Plane<u16>, batch: &Batch, out: &mut [f32]) {
         let t = &mut self.t;
@@ -261,7 +260,7 @@ impl Collector {
         let dof = t.dof.max(1.0);
         let frames = t.frames.max(1) as f64;
         t.histogram = self.histogram.iter().map(|bins| bins.iter().sum()).collect();
-        // Of one batch the mean is there: rounded once or twice, a quotient is the same.
+        // After one batch the mean is already computed, with the same rounding.
         t.mean.data.iter_mut().zip(&self.sum).for_each(|(m, s)| *m = (s / frames) as f32);
         let by =
             |v: &mut Vec<f32>, d: f64| v.iter_mut().for_each(|x| *x = (f64::from(*x) / d) as f32);
@@ -286,7 +285,7 @@ fn add_frame(collector: &mut Collector, frame: &Plane<u16>, batch: &Batch, out: 
     collector.frame(frame, batch, out);
 }
 
-/// Mean product of pixels `dx` columns and `dy` rows apart.
+/// Mean product of pixels at a distance of `dx` columns and `dy` rows.
 #[inline(always)]
 pub fn covariance(v: &[f32], w: usize, h: usize, dx: isize, dy: usize) -> f64 {
     let reach = dx.unsigned_abs();
@@ -348,11 +347,11 @@ mod tests {
     }
 
     #[test]
-    fn the_border_takes_the_moments_of_the_next_pixels_of_its_own_channel() {
+    fn border_pixels_get_the_moments_of_the_next_pixels_of_its_own_channel() {
         let camera = Camera::load("mt9t012").unwrap();
         let (pattern, w, h) = (camera.sensor.pattern(), 7, 6);
         let inside = |i: usize| (1..w - 1).contains(&(i % w)) && (1..h - 1).contains(&(i / w));
-        // Levels by channel; what stands at the border is wrong.
+        // Levels by channel; the border has wrong values.
         let level = |i: usize| 100 + 10 * pattern.channel(i % w, i / w) as u16;
         let frame = |wrong: u16| {
             let value = |i| if inside(i) { level(i) } else { wrong };
@@ -363,8 +362,8 @@ mod tests {
         let t = collector.finish().without_border(&pattern);
         let expected: Vec<f32> = (0..w * h).map(|i| f32::from(level(i))).collect();
         assert_eq!(t.mean.data, expected);
-        // The border's own rows and columns change by 200 DN; pixels inside share none of that but
-        // by the frame's mean.
+        // Rows and columns at the border change by 200 DN, which affects the inner pixels only through
+        // the mean of the frame.
         let corner = t.pixel_variance[0];
         assert_eq!(corner, t.pixel_variance[2 * w + 2]);
         assert_eq!(t.pixel_variance[w - 1], t.pixel_variance[2 * w + w - 3]);

@@ -65,7 +65,7 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
         }
     };
     let s = &e.map(kind)?.spatial;
-    let n = (s.rows.len() * s.columns.len()) as f64;
+    let n = (s.rows.means.len() * s.columns.means.len()) as f64;
     let limit = OUTLIER_SD * s.pixel_variance.sqrt();
     let high = Count::new(s.high, e.predicted(Place::Map(kind), What::High)?);
     let noise = &e.camera.sensor.noise;
@@ -143,7 +143,7 @@ fn mean_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
 
 /// Excess of the median of the dark-current map at T_ref, e⁻/s.
 fn excess_of_median(e: &Evidence<'_>) -> Option<Estimated> {
-    let x = e.difference(Place::Map(MapKind::DarkCurrent), What::Middle)?;
+    let x = e.difference(Place::Map(MapKind::DarkCurrent), What::Median)?;
     let long = &e.design.conditions[long_dark(e.design)?];
     let g = dark_growth(&e.camera.sensor.noise, long.stack.temperature_c);
     Some(Estimated { value: x.value / g, se: x.se / g })

@@ -13,8 +13,8 @@ use super::proposal::Proposal;
 use crate::data::channels::Channels;
 use crate::evidence::{Estimated, Evidence};
 use crate::model::effects::current;
+use crate::statistics::lines::{PERIODS, phase_means};
 use crate::statistics::maps::MapKind;
-use crate::statistics::spatial::{PERIODS, phase_means};
 use crate::statistics::statistic::{Place, What};
 use camrig_sensor_core::effects::{
     Effect, column_offset_fpn::ColumnOffsetFpn, pixel_offset_fpn::PixelOffsetFpn,
@@ -130,7 +130,7 @@ struct Columns<'a> {
 impl<'a> Columns<'a> {
     fn of(e: &'a Evidence<'_>, map: MapKind, unit: f64) -> Option<Self> {
         let spatial = &e.map(map)?.spatial;
-        Some(Self { means: &spatial.columns, variance: spatial.column_variance, unit })
+        Some(Self { means: &spatial.columns.means, variance: spatial.columns.variance, unit })
     }
 
     /// Mean of the columns of each phase of a period.

@@ -101,7 +101,7 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
 /// `defective-pixels`: number and mean response of the low outliers.
 pub fn defects(e: &Evidence<'_>) -> Option<Proposal> {
     let s = &e.map(MapKind::Gain)?.spatial;
-    let n = (s.rows.len() * s.columns.len()) as f64;
+    let n = (s.rows.means.len() * s.columns.means.len()) as f64;
     let low = Count::new(s.low, e.predicted(GAIN, What::Low)?);
     if low.seen < 1.0 {
         return None;

@@ -69,7 +69,7 @@ fn leaning(e: &Evidence<'_>, lean: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Estima
 /// `optical-crosstalk`: channels that lean towards each other.
 pub fn optical_crosstalk(e: &Evidence<'_>) -> Option<Proposal> {
     let channels = Channels::new(e.camera);
-    let found = leaning(e, &|photo_e| channels.lean(photo_e))?;
+    let found = leaning(e, &|photo_e| channels.mean_laplacian(photo_e))?;
     let present = present(e.camera, "optical-crosstalk", "side").unwrap_or(0.0);
     let k = (present + found.value).max(0.0);
     let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
@@ -105,7 +105,7 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
     let mut strength = libm::hypot(x.z(), y.z());
     let channels = Channels::new(e.camera);
     let both = Estimated { value: (x.value + y.value) / 2.0, se: libm::hypot(x.se, y.se) / 2.0 };
-    if let Some(means) = agreeing(both, leaning(e, &|photo_e| channels.lean(photo_e))) {
+    if let Some(means) = agreeing(both, leaning(e, &|photo_e| channels.mean_laplacian(photo_e))) {
         // Least squares of x, y and their mean.
         let off = (means.value - both.value) / (means.se.powi(2) + both.se.powi(2));
         for one in [&mut x, &mut y] {
@@ -144,7 +144,7 @@ pub fn brighter_fatter(e: &Evidence<'_>) -> Option<Proposal> {
     let mut strength = found.z().abs();
     let present = present(e.camera, "brighter-fatter", "coefficient");
     let half_squares = |photo_e: &[f64]| -> Vec<f64> {
-        channels.lean(&photo_e.iter().map(|q| 0.5 * q * q).collect::<Vec<_>>())
+        channels.mean_laplacian(&photo_e.iter().map(|q| 0.5 * q * q).collect::<Vec<_>>())
     };
     if let Some(means) = agreeing(found, leaning(e, &half_squares)) {
         found = pooled([found, means])?;

@@ -224,7 +224,7 @@ impl Telegraph {
         let strength = high.z.max(noisy.as_ref().map_or(0.0, |n| n.z)).max(spread);
         Some(Self {
             stack,
-            pixels: (s.rows.len() * s.columns.len()) as f64,
+            pixels: (s.rows.means.len() * s.columns.means.len()) as f64,
             gain,
             high,
             noisy,

@@ -309,7 +309,7 @@ fn in_maps(camera: &Camera, kind: &str, key: &str, residual: &Residual) -> Slope
         "colour-shading" => key.strip_prefix("channel_").and_then(|c| c.parse().ok()),
         _ => return Slope::new(),
     };
-    let widest = Channels::new(camera).widest();
+    let widest = Channels::new(camera).densest();
     let of = |k: &Key| Some((*k, shading::slope(k.1, channel, widest)?));
     residual.keys.iter().filter_map(of).collect()
 }

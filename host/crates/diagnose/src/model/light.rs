@@ -131,8 +131,8 @@ pub fn share(target: &Target) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::course::Course;
     use crate::data::design::Stack;
+    use crate::data::variation::FrameVariation;
     use camrig_camera::LensKind;
     use camrig_captures::Role;
     use camrig_scene::chart;
@@ -147,7 +147,7 @@ mod tests {
                 skip: 0,
                 frames: 1,
                 total: 1,
-                course: Course::default(),
+                variation: FrameVariation::default(),
                 first_number: 0,
                 exposure_s: 0.01,
                 analog_gain: 1.0,

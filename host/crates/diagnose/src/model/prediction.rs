@@ -170,7 +170,7 @@ impl Prediction {
                 Scale::Count => p.count(s.value),
                 _ => {
                     let allowed = allowance.get(key).copied().unwrap_or(0.0);
-                    let own = if key.1.tells_its_scatter() { s.sd * s.sd } else { 0.0 };
+                    let own = if key.1.has_own_uncertainty() { s.sd * s.sd } else { 0.0 };
                     let variance =
                         (p.sd * p.sd).max(own) * (1.0 + 1.0 / p.runs) + allowed * allowed;
                     (p.scale.of(s.value) - p.scaled) / variance.sqrt().max(1e-15)

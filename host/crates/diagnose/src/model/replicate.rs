@@ -3,7 +3,7 @@
 
 use super::light::{self, Electrons};
 use crate::data::design::{Condition, Design, Stack, Target};
-use crate::statistics::read::{batches, in_turn};
+use crate::statistics::read::{batches, min_stacks_per_thread};
 use crate::statistics::targets::{Picture, PictureCollector};
 use crate::statistics::temporal::{Collector, Temporal};
 use camrig_base::{Bands, Plane, Result};
@@ -48,8 +48,9 @@ pub fn simulate(
     seed: u64,
     planes: bool,
 ) -> Result<Vec<Temporal>> {
-    let in_turn = in_turn(design, (camera.sensor.width * camera.sensor.height) as usize);
-    let conditions = design.conditions.par_iter().with_min_len(in_turn);
+    let pixels = (camera.sensor.width * camera.sensor.height) as usize;
+    let least = min_stacks_per_thread(design, pixels);
+    let conditions = design.conditions.par_iter().with_min_len(least);
     conditions.map(|c| moments(&sensor(camera, &c.stack, seed)?, c, planes)).collect()
 }
 
@@ -60,15 +61,15 @@ fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result
     let stack = &condition.stack;
     let simulated = |frame: usize| {
         let settings = settings(stack, stack.skip + frame);
-        let share = stack.course.light_of(frame) as f32;
-        let config = with_offset(config, stack.course.offset_of(frame));
+        let share = stack.variation.light_of(frame) as f32;
+        let config = with_offset(config, stack.variation.offset_of(frame));
         let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
         rows::<Float>(&config, &settings, &mut light.of_frame(share), 0, &mut plane.data)?;
         Ok(plane)
     };
-    for (i, size) in batches(stack.frames) {
+    for batch in batches(stack.frames) {
         // Where frames are few and large, processors share the frames of a stack.
-        let frames: Result<Vec<_>> = (i..i + size).into_par_iter().map(simulated).collect();
+        let frames: Result<Vec<_>> = batch.into_par_iter().map(simulated).collect();
         collector.add(&frames?);
     }
     Ok(collector.finish().without_border(&config.pattern))

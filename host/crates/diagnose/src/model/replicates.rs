@@ -4,7 +4,7 @@
 use super::replicate;
 use crate::data::design::Design;
 use crate::statistics::battery::battery;
-use crate::statistics::read::in_turn;
+use crate::statistics::read::min_stacks_per_thread;
 use crate::statistics::statistic::{Place, Scale, Statistic, Values, What, by_key};
 use camrig_base::Result;
 use camrig_camera::Camera;
@@ -46,7 +46,7 @@ impl Replicates {
         let pixels = (camera.sensor.width * camera.sensor.height) as usize;
         let more: Vec<Arc<Values>> = (had..(runs as usize).max(had))
             .into_par_iter()
-            .with_min_len(in_turn(design, pixels))
+            .with_min_len(min_stacks_per_thread(design, pixels))
             .map(|run| Ok(Arc::new(replicated(camera, design, first + run as u64)?)))
             .collect::<Result<_>>()?;
         if !more.is_empty() {

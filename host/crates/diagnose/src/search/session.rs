@@ -3,7 +3,7 @@
 use super::consistency;
 use crate::candidates::{self, proposal::Proposal};
 use crate::data::channels::Channels;
-use crate::data::course;
+use crate::data::curve;
 use crate::data::design::{Condition, Design, Halves, Target, same_settings};
 use crate::evidence::{Evidence, Slopes};
 use crate::model::light::{self, Electrons, Lights};
@@ -15,7 +15,7 @@ use crate::statistics::maps::{self, Map, MapKind};
 use crate::statistics::statistic::{Key, Place, Values, What, by_key};
 use crate::statistics::targets::{self, Picture};
 use crate::statistics::temporal::{Temporal, mean};
-use crate::statistics::{light_scatter, read};
+use crate::statistics::{allowances, read};
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
 use camrig_captures::Role;
@@ -146,7 +146,7 @@ impl Half {
     ) -> Result<Self> {
         let curve = followed(camera, set);
         if let Some(curve) = curve {
-            course::follow(&mut design, &curve);
+            curve::apply(&mut design, &curve);
         }
         let stacks = read::moments(set, &camera.sensor.pattern(), &design, true, progress)?;
         if let Some(curve) = curve {
@@ -160,9 +160,9 @@ impl Half {
             values.retain(|(place, _), _| *place != Place::Stack(i));
         }
         values.extend(by_key(targets::battery(camera, &design, &pictures)));
-        let mut allowance = light_scatter::allowances(camera, &design, &values);
+        let mut allowance = allowances::of_light(camera, &design, &values);
         if set.findings().iter().any(|f| f.kind == Kind::ParticleHits) {
-            allowance.extend(light_scatter::after_hits(camera, &design));
+            allowance.extend(allowances::of_hits(camera, &design));
         }
         let maps = maps::maps(camera, &design, &stacks);
         let replicates = Replicates::default();
@@ -180,7 +180,7 @@ impl Half {
         let mut values = by_key(battery(camera, &self.design, &stacks));
         let of_targets = self.values.iter().filter(|(k, _)| matches!(k.0, Place::Target(_)));
         values.extend(of_targets.map(|(k, s)| (*k, *s)));
-        let mut allowance = light_scatter::allowances(camera, &self.design, &values);
+        let mut allowance = allowances::of_light(camera, &self.design, &values);
         // What hits leave stays as it was.
         for (key, sd) in &self.allowance {
             allowance.entry(*key).or_insert(*sd);
@@ -297,7 +297,7 @@ impl Session {
             }
         };
         notes.extend(saturated_note([&fit, &holdout]));
-        notes.extend(light_scatter::note(&fit.design, &fit.allowance, &fit.values));
+        notes.extend(allowances::note(&fit.design, &fit.allowance, &fit.values));
         let findings = set.findings().to_vec();
         if findings.iter().any(|f| f.kind == Kind::Temperature) {
             let assumed = camera.sensor.temperature_c;
@@ -354,7 +354,7 @@ impl Session {
     pub fn expect_no_start_up(&mut self) {
         self.start_up = None;
         for half in [&mut self.fit, &mut self.holdout] {
-            half.design.conditions.iter_mut().for_each(|c| c.stack.course.offset_dn.clear());
+            half.design.conditions.iter_mut().for_each(|c| c.stack.variation.offset_dn.clear());
             half.replicates = Replicates::default();
         }
     }
@@ -367,7 +367,7 @@ impl Session {
             let stacks = conditions.chain(d.targets.iter().map(|t| &t.stack));
             stacks.map(|s| (s.capture, s.frames)).collect()
         };
-        let even = |d: &Design| d.conditions.iter().all(|c| c.stack.course.is_even());
+        let even = |d: &Design| d.conditions.iter().all(|c| c.stack.variation.is_none());
         !camera.changes_after_its_start()
             && even(&self.fit.design)
             && even(&self.holdout.design)
@@ -606,7 +606,7 @@ fn set_stated_light(
     let flats = design.conditions.iter().zip(stacks).filter(|(c, _)| c.is_known_flat());
     let mut ratios: Vec<f64> =
         flats.filter(|(_, t)| maps::saturated(t) < maps::SATURATED_FLAT).map(ratio).collect();
-    course::set_stated(design, curve, &mut ratios);
+    curve::set_stated_light(design, curve, &mut ratios);
 }
 
 /// Flats whose light is taken from their own mean, which saturation cuts: what they would have by a

@@ -38,8 +38,10 @@ pub fn whereabouts(session: &Session, key: Key) -> Option<String> {
             let map = session.fit.maps.iter().find(|m| m.kind == kind)?;
             let (w, h) = (map.plane.width, map.plane.height);
             match what {
-                What::RowPatternPeak => line(&Spectrum::of(&map.spatial.rows), h, "row"),
-                What::ColumnPatternPeak => line(&Spectrum::of(&map.spatial.columns), w, "column"),
+                What::RowPatternPeak => line(&Spectrum::of(&map.spatial.rows.means), h, "row"),
+                What::ColumnPatternPeak => {
+                    line(&Spectrum::of(&map.spatial.columns.means), w, "column")
+                }
                 What::MapBlocks | What::FineBlocks => {
                     let most = stands_out(&map.plane.data, w, h)?;
                     let off = most.tile - most.middle;

@@ -2,8 +2,9 @@
 
 use crate::data::design::{Design, Stack};
 use crate::statistics::codes::CODE_PERIODS;
+use crate::statistics::lines::PERIODS;
 use crate::statistics::maps::MapKind;
-use crate::statistics::spatial::{PERIODS, SMOOTH_TERMS};
+use crate::statistics::spatial::SMOOTH_TERMS;
 use crate::statistics::statistic::{Figure, Key, Place, What};
 use crate::statistics::targets::RINGS;
 use crate::statistics::temporal::LAGS;
@@ -68,7 +69,7 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::Zeros => "share of zeros".into(),
         What::Saturated => "share of saturated samples".into(),
         What::Codes(k) => {
-            let period = CODE_PERIODS.get(usize::from(k)).map_or("", |p| p.1);
+            let period = CODE_PERIODS.get(usize::from(k)).map_or("", |p| p.name);
             format!("wave of period {period} in the code histogram")
         }
         What::Roughness => "roughness of the code histogram".into(),
@@ -98,12 +99,12 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::EveryOtherColumn => "fixed pattern of every other column".into(),
         What::Checkerboard => "fixed checkerboard".into(),
         What::FallOff(c) => of("fall-off towards the corners", c),
-        What::FallOffApart(c) => {
+        What::FallOffDifference(c) => {
             format!("fall-off towards the corners of channel {} against the others", channel(c))
         }
         What::Lattice => "16x16 lattice".into(),
         What::AfterImage => "mean after light".into(),
-        What::Middle => "median of pixels".into(),
+        What::Median => "median of pixels".into(),
         What::Of(figure) => of_target(figure, &channel),
     }
 }
@@ -125,10 +126,10 @@ fn of_target(figure: Figure, channel: &dyn Fn(u8) -> String) -> String {
             let side = if side == 0 { "dark" } else { "bright" };
             format!("level of the {side} side of the edge, channel {}", channel(c))
         }
-        Figure::Outwards(r) => format!("displacement of dots outwards {}", ring(r)),
-        Figure::Rightwards(r) => format!("displacement of dots to the right {}", ring(r)),
-        Figure::Downwards(r) => format!("displacement of dots downwards {}", ring(r)),
-        Figure::Apart { channel: c, ring: r } => {
+        Figure::Radial(r) => format!("displacement of dots outwards {}", ring(r)),
+        Figure::Horizontal(r) => format!("displacement of dots to the right {}", ring(r)),
+        Figure::Vertical(r) => format!("displacement of dots downwards {}", ring(r)),
+        Figure::LateralColour { channel: c, ring: r } => {
             format!(
                 "displacement outwards of channel {} against the others {}",
                 channel(c),
@@ -136,7 +137,7 @@ fn of_target(figure: Figure, channel: &dyn Fn(u8) -> String) -> String {
             )
         }
         Figure::DotRadius(r) => format!("radius of dots {}", ring(r)),
-        Figure::Ground { channel: c, ring: r } => {
+        Figure::Background { channel: c, ring: r } => {
             format!("level between dots {}, channel {}", ring(r), channel(c))
         }
         Figure::PatchMean { patch: n, channel: c } => {

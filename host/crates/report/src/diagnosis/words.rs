@@ -162,7 +162,7 @@ fn of_target(figure: Figure) -> &'static str {
     match figure {
         Figure::Response { .. } => "modulation",
         Figure::EdgeLevel { .. }
-        | Figure::Ground { .. }
+        | Figure::Background { .. }
         | Figure::PatchMean { .. }
         | Figure::PatchScatter(_) => "DN",
         _ => "pixels",

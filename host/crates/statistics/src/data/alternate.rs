@@ -1,39 +1,40 @@
-//! Stacks of two or three frames, as EMVA 1288 asks for at many levels: too short to be divided,
-//! they go to one half as a whole, levels by turns.
+//! Stacks of two or three frames, as EMVA 1288 requires at many levels: too short to divide, whole
+//! stacks alternate between the halves in the order of their level.
 
 use camrig_base::numbers::counted;
 use camrig_captures::{Capture, CaptureSet, Role};
 
-/// Frames from which a stack is divided into halves of its own.
-const DIVIDED: usize = 4;
-/// Frames that show noise.
-const LEAST: usize = 2;
-/// Short flats, or short darks, from which levels are taken by turns: below, neither half has a
-/// series.
+/// Shortest stack that is divided itself, frames.
+const MIN_DIVIDED: usize = 4;
+/// Shortest stack with noise, frames.
+const MIN_FRAMES: usize = 2;
+/// Number of short flats, or of short darks, from which they alternate: with fewer, neither half has
+/// a series.
 const MIN_LEVELS: usize = 6;
 
-/// A short stack, and the halves it belongs to.
+/// A short stack and the halves that it belongs to.
 pub(super) struct Short {
     /// Index of the capture.
     pub capture: usize,
-    /// Whether it is fitted.
+    /// Whether it is used for fitting.
     pub fit: bool,
     /// Whether it is held out.
     pub held_out: bool,
 }
 
-/// The short dark and flat stacks of a set: by level, every second one held out. The only dark of
-/// a set serves both halves, as neither can do without.
+/// The short dark and flat stacks of a set: in the order of their level, every second one is held
+/// out. The only dark of a set belongs to both halves, as both need one.
 pub(super) fn stacks(set: &CaptureSet, counts: &[usize]) -> Vec<Short> {
     let short = |role: Role| -> Vec<usize> {
-        let of =
-            |i: &usize| set.captures[*i].role == role && (LEAST..DIVIDED).contains(&counts[*i]);
+        let of = |i: &usize| {
+            set.captures[*i].role == role && (MIN_FRAMES..MIN_DIVIDED).contains(&counts[*i])
+        };
         (0..counts.len()).filter(of).collect()
     };
     let (mut flats, mut darks) = (short(Role::Flat), short(Role::Dark));
     if flats.len() < MIN_LEVELS {
         flats.clear();
-        // Darks go with flats, or are a series of their own.
+        // Darks accompany flats, or are a series by themselves.
         if darks.len() < MIN_LEVELS {
             return Vec::new();
         }
@@ -42,26 +43,26 @@ pub(super) fn stacks(set: &CaptureSet, counts: &[usize]) -> Vec<Short> {
     flats.sort_by(|&a, &b| level(&captures[a]).total_cmp(&level(&captures[b])));
     darks.sort_by(|&a, &b| captures[a].exposure_s.total_cmp(&captures[b].exposure_s));
     let only_dark = captures.iter().filter(|c| c.role == Role::Dark).count() == 1;
-    let turns = |all: &[usize], both: bool| -> Vec<Short> {
+    let alternate = |all: &[usize], both: bool| -> Vec<Short> {
         let one = |(k, &capture): (usize, &usize)| {
             let fit = k % 2 == 0;
             Short { capture, fit: fit || both, held_out: !fit || both }
         };
         all.iter().enumerate().map(one).collect()
     };
-    let mut out = turns(&flats, false);
-    out.extend(turns(&darks, only_dark));
+    let mut out = alternate(&flats, false);
+    out.extend(alternate(&darks, only_dark));
     out
 }
 
-/// The stated light of a capture, for their order; 0 where it is not stated.
+/// The stated light × exposure of a capture, for the order; 0 where it is not stated.
 fn level(c: &Capture) -> f64 {
     let light = c.light.as_ref();
     let amount = light.and_then(|l| l.photons_per_pixel_per_s.or(l.irradiance_w_m2).or(l.lux));
     amount.unwrap_or(0.0) * c.exposure_s
 }
 
-/// What is said of them.
+/// The note about them.
 pub(super) fn note(set: &CaptureSet, short: &[Short]) -> Option<String> {
     if short.is_empty() {
         return None;
@@ -88,7 +89,7 @@ mod tests {
     use camrig_captures::SensorFacts;
 
     #[test]
-    fn short_darks_of_many_exposures_are_a_series_of_their_own() {
+    fn short_darks_of_many_exposures_alternate_without_flats() {
         let dark =
             |k: u8| Capture::new(format!("d{k}"), Role::Dark, Vec::new(), 0.1 * f64::from(7 - k));
         let sensor = SensorFacts {
@@ -105,10 +106,10 @@ mod tests {
         let set = CaptureSet { root, camera: None, sensor, captures };
         let halves: Vec<(usize, bool, bool)> =
             stacks(&set, &[2; 7]).iter().map(|s| (s.capture, s.fit, s.held_out)).collect();
-        // From the shortest on, by turns.
+        // Alternating, from the shortest exposure on.
         let expected: Vec<_> = (0..7).map(|k| (6 - k, k % 2 == 0, k % 2 == 1)).collect();
         assert_eq!(halves, expected);
-        // Five are no series, and long stacks are divided.
+        // Five are not enough, and long stacks are divided.
         assert!(stacks(&set, &[2, 2, 2, 2, 2, 8, 8]).is_empty());
     }
 }

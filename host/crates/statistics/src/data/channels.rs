@@ -1,11 +1,11 @@
-//! The channels of a colour filter array over frames.
+//! Which pixels of a frame belong to which channel of the colour filter array.
 
 use camrig_camera::Camera;
 
-/// Columns after which every pattern (1, 2, 3, 4, 6 or 8 columns wide) repeats.
+/// Number of columns after which every pattern (1, 2, 3, 4, 6 or 8 columns wide) repeats.
 const PERIOD: usize = 24;
 
-/// Which channel each pixel of a camera's frames has.
+/// The channel of each pixel of a camera's frames.
 pub struct Channels {
     /// The channels of the first columns of each row of the pattern.
     rows: Vec<[usize; PERIOD]>,
@@ -30,7 +30,7 @@ impl Channels {
         self.count
     }
 
-    /// The share of all pixels that each channel has.
+    /// Share of all pixels that belong to each channel.
     pub fn shares(&self) -> Vec<f64> {
         let mut shares = vec![0.0; self.count];
         let one = 1.0 / (self.rows.len() * PERIOD) as f64;
@@ -38,8 +38,8 @@ impl Channels {
         shares
     }
 
-    /// The share that each channel has of the pixels of every `every`th column from column
-    /// `phase`; `every` divides 24.
+    /// Share of the pixels of every `every`th column from column `phase` on that belong to each
+    /// channel; `every` divides 24.
     pub fn shares_of_columns(&self, phase: usize, every: usize) -> Vec<f64> {
         let mut shares = vec![0.0; self.count];
         let one = every as f64 / (self.rows.len() * PERIOD) as f64;
@@ -50,15 +50,14 @@ impl Channels {
     }
 
     /// The channel with most pixels, the first of several.
-    pub fn widest(&self) -> usize {
+    pub fn densest(&self) -> usize {
         let shares = self.shares();
         (0..self.count).rev().max_by(|&a, &b| shares[a].total_cmp(&shares[b])).unwrap_or(0)
     }
 
-    /// For each channel, the mean over its pixels of the sum of differences between the levels of
-    /// the four neighbours and its own, in the unit of `levels`, which holds one level per
-    /// channel.
-    pub fn lean(&self, levels: &[f64]) -> Vec<f64> {
+    /// For each channel, the mean over its pixels of the Laplacian: the sum of the differences
+    /// between the levels of the four neighbours and its own, for one level per channel.
+    pub fn mean_laplacian(&self, levels: &[f64]) -> Vec<f64> {
         let (mut sums, mut counts) = (vec![0.0; self.count], vec![0.0; self.count]);
         let down = self.rows.len();
         for y in 0..down {
@@ -144,12 +143,12 @@ mod tests {
         });
         assert_eq!(i, values.len());
         assert!((channels.shares().iter().sum::<f64>() - 1.0).abs() < 1e-12);
-        assert!(channels.shares().iter().all(|&s| s <= channels.shares()[channels.widest()]));
-        // Each edge between pixels counts once to either side.
+        assert!(channels.shares().iter().all(|&s| s <= channels.shares()[channels.densest()]));
+        // Each difference between neighbours counts once with either sign.
         let levels: Vec<f64> = (0..channels.count()).map(|c| (c * c) as f64).collect();
-        let lean = channels.lean(&levels);
-        let sum: f64 = lean.iter().zip(channels.shares()).map(|(l, s)| l * s).sum();
-        assert!(sum.abs() < 1e-12 && lean[0] > 0.0, "{lean:?}");
+        let laplacian = channels.mean_laplacian(&levels);
+        let sum: f64 = laplacian.iter().zip(channels.shares()).map(|(l, s)| l * s).sum();
+        assert!(sum.abs() < 1e-12 && laplacian[0] > 0.0, "{laplacian:?}");
         let by: Vec<f64> = (0..channels.count()).map(|c| c as f64).collect();
         let before = values.clone();
         channels.change(&mut values, &by, |v, b| v + b);

@@ -1,11 +1,11 @@
-//! A camera whose samples are taken in steps of the captures' codes.
+//! Adapts a camera to captures whose samples were divided by a step of the codes.
 
 use camrig_camera::Camera;
 use camrig_clean::Cleaned;
 
-/// The camera of a cleaned set: where a step was taken off the codes, and the camera has the bits
-/// of the samples as they were, it gets those that vary, with the same gain, DN per electron over
-/// the step. A camera that has these bits already stays as it is.
+/// The camera for a cleaned set: where samples were divided by a step and the camera has the bits of
+/// the undivided samples, its bits are reduced to those that vary, and its gain, DN per electron, is
+/// divided by the step. A camera with the reduced bits is returned unchanged.
 pub fn camera_of(camera: &Camera, cleaned: &Cleaned) -> Camera {
     let mut camera = camera.clone();
     let Some(step) = cleaned.step() else { return camera };

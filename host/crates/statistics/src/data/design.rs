@@ -1,7 +1,8 @@
-//! Which frames of a capture set are used, and under which conditions they were taken.
+//! The design of a measurement: which frames of a capture set are used, their conditions, and the
+//! division into fitted and held-out frames.
 
 use super::alternate;
-use super::course::Course;
+use super::variation::FrameVariation;
 use camrig_base::Bands;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
@@ -9,15 +10,15 @@ use camrig_captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity, W
 use camrig_light::photometry::HC;
 use camrig_scene::chart::{self, Geometry};
 
-/// Stacks whose temperatures differ by less, K, are taken to have the same dark current: with
-/// a doubling every 7 K half a kelvin is 5 % of it.
+/// Largest difference of temperatures, K, at which stacks have the same dark current: with a
+/// doubling every 7 K, half a kelvin changes it by 5 %.
 pub const SAME_TEMPERATURE_K: f64 = 0.5;
 
-/// Captures are numbered from multiples of this, so that a set in which no capture has more frames
-/// always gives the same replicates, whatever else it holds.
+/// The frames of each capture are numbered from a multiple of this, so that the replicates of a
+/// stack do not depend on the length of the other captures, up to this number of frames.
 const NUMBERS_PER_CAPTURE: usize = 10_000;
 
-/// A stack as it was taken: which frames of which capture, and the settings of the sensor.
+/// A stack: which frames of which capture, and the settings of the sensor.
 #[derive(Clone, Debug)]
 pub struct Stack {
     /// Index of the capture in the set.
@@ -26,16 +27,16 @@ pub struct Stack {
     pub id: String,
     /// What it is for.
     pub role: Role,
-    /// Frames left out at its start.
+    /// Number of frames skipped at its start.
     pub skip: usize,
     /// Number of frames used.
     pub frames: usize,
-    /// Frames of its capture, used or not.
+    /// Number of frames of its capture, used or not.
     pub total: usize,
-    /// What differs from frame to frame beside noise; empty where nothing does.
-    pub course: Course,
-    /// Number of the capture's first frame in replicates. It names the frame's temporal noise, so
-    /// that no two frames of a set have the same, even of different halves.
+    /// Variation over the frames used, apart from noise.
+    pub variation: FrameVariation,
+    /// Number of the capture's first frame in replicates. It selects the frame's temporal noise, so
+    /// that no two frames of a set share it, even in different halves.
     pub first_number: u32,
     /// Exposure, s.
     pub exposure_s: f64,
@@ -61,9 +62,9 @@ pub fn same_settings(a: &Stack, b: &Stack) -> bool {
 pub struct Condition {
     /// The stack.
     pub stack: Stack,
-    /// Mean photo-electrons per pixel of each channel, as the camera file predicts them.
+    /// Mean photo-electrons per pixel of each channel, predicted from the camera file.
     pub photo_e: Vec<f64>,
-    /// Mean photo-electrons per pixel of each channel in the frame before each.
+    /// The same in the frame before each of its frames.
     pub before_e: Vec<f64>,
     /// Whether the amount of light is known.
     pub level_known: bool,
@@ -90,16 +91,16 @@ impl Condition {
 pub struct Target {
     /// The stack.
     pub stack: Stack,
-    /// The scene, as it is named on the command line and in manifests.
+    /// The scene, as specified on the command line and in manifests.
     pub scene: String,
-    /// Where the features of the target lie in the scene.
+    /// Positions of the target's features in the scene.
     pub geometry: Geometry,
     /// Illuminant on a reflectance scene.
     pub illuminant: Option<String>,
     /// Illuminance, lx, where the manifest has it.
     pub lux: Option<f64>,
-    /// Factor on the model's light: 1 where the illuminance is known, otherwise what makes the
-    /// means of model and measurement agree.
+    /// Factor on the model's light: 1 where the illuminance is known, otherwise such that the means
+    /// of model and measurement agree.
     pub light: f64,
 }
 
@@ -115,19 +116,20 @@ pub struct Design {
 /// A set divided into frames to fit and held-out frames.
 #[derive(Clone, Debug)]
 pub struct Halves {
-    /// For naming effects and fitting parameters.
+    /// For identifying effects and fitting parameters.
     pub fit: Design,
-    /// Held out, for judging only; `None` where the set has too few frames.
+    /// For validation only; `None` where the set has too few frames.
     pub holdout: Option<Design>,
-    /// Notes for people on what was left out.
+    /// Notes for people on what is not used.
     pub notes: Vec<String>,
 }
 
-/// Divides a set: as the manifest says, or else each stack into its first and second half.
+/// Divides a set according to the manifest, otherwise each stack into its first and second half.
 /// `counts` are the numbers of frames of the set's captures.
 ///
 /// # Errors
-/// A set without usable stacks, of another size than the camera, or whose light cannot be.
+/// Sets without usable stacks, of another size, bits or filters than the camera, or with light that
+/// the camera cannot see.
 pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Halves> {
     check_sensor(camera, set)?;
     let numbers = first_numbers(counts)?;
@@ -142,16 +144,16 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
         let n = counts[index];
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));
         let of_light = matches!(capture.role, Role::Dark | Role::Flat);
-        // A single frame shows a target; noise takes two.
+        // One frame suffices for a target, noise needs two.
         let least = if of_light { 2 } else { 1 };
         let short = short.iter().find(|s| s.capture == index);
         let too_few = if by_manifest { n < least } else { n < 2 * least && short.is_none() };
         if too_few {
             notes.push(match by_manifest {
-                true => format!("{}: one frame shows no noise; left out", capture.id),
+                true => format!("{}: noise needs two frames; not used", capture.id),
                 false => format!(
-                    "{}: {n} frames are too few to fit some and judge with others ({} and more); \
-                     left out",
+                    "{}: {n} frames are too few to fit some and hold out others (at least {}); not \
+                     used",
                     capture.id,
                     2 * least
                 ),
@@ -172,7 +174,7 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
         let of_half = |(skip, frames)| Stack { skip, frames, ..stack.clone() };
         if !of_light && set.sensor.window.is_some() {
             notes.push(format!(
-                "{}: a target is measured whole, not in a region; left out",
+                "{}: targets need the whole frame, not a region; not used",
                 capture.id
             ));
         } else if of_light {
@@ -189,24 +191,24 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
                     }
                 }
                 None => notes.push(format!(
-                    "{}: the diagnosis looks at slanted-edge, dots and colorchecker; left out",
+                    "{}: only slanted-edge, dots and colorchecker are measured; not used",
                     capture.id
                 )),
             }
         }
     }
     if fit.is_empty() {
-        return Err(Error::input("no stack to look at").help(
-            "dark and flat stacks of four and more frames each are needed, or of two and more at \
-             six levels of light or darks",
+        return Err(Error::input("no usable stack").help(
+            "provide dark and flat stacks of at least four frames each, or of at least two frames at \
+             six levels of light or six dark exposures",
         ));
     }
     notes.extend(set.sensor.window.map(|w| {
         let Window { x, y, of: [across, down] } = w;
         let (width, height) = (set.sensor.width, set.sensor.height);
         format!(
-            "region {x},{y},{width},{height} of {across} x {down} pixels: what depends on the \
-             place on the sensor (fall-off, glow) is judged as if there were no others"
+            "region {x},{y},{width},{height} of {across} x {down} pixels: effects that depend on \
+             the position on the sensor (fall-off, glow) are fitted as if it were the whole sensor"
         )
     }));
     if by_manifest && holdout.is_empty() {
@@ -216,21 +218,24 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     Ok(Halves { fit, holdout, notes })
 }
 
-/// What becomes of captures without `split` where others have one.
+/// The note about captures without `split` where others have one.
 fn without_split(set: &CaptureSet) -> Option<String> {
     let without = set.captures.iter().filter(|c| c.split.is_none());
     let ids: Vec<&str> = without.map(|c| c.id.as_str()).collect();
     (!ids.is_empty()).then(|| {
-        format!("captures without split are fitted, since others have one: {}", ids.join(", "))
+        format!(
+            "captures without split are used for fitting, as others have one: {}",
+            ids.join(", ")
+        )
     })
 }
 
-/// Number of the first frame of each capture, for captures of so many frames: the next multiple of
-/// [`NUMBERS_PER_CAPTURE`] that no frame before has reached.
+/// Number of the first frame of each capture, given their numbers of frames: the next unused
+/// multiple of [`NUMBERS_PER_CAPTURE`].
 fn first_numbers(counts: &[usize]) -> Result<Vec<u32>> {
     let too_many = || {
-        Error::limit("more frames than the noise of a sensor has numbers for")
-            .help("diagnose fewer than four thousand million frames at once")
+        Error::limit("more frames than there are frame numbers")
+            .help("use fewer than four billion frames")
     };
     let mut next = NUMBERS_PER_CAPTURE;
     let mut first = Vec::with_capacity(counts.len());
@@ -244,7 +249,7 @@ fn first_numbers(counts: &[usize]) -> Result<Vec<u32>> {
     Ok(first)
 }
 
-/// Checks that the captures can be the camera's.
+/// Checks that the captures can be from the camera.
 fn check_sensor(camera: &Camera, set: &CaptureSet) -> Result<()> {
     let s = &camera.sensor;
     if (set.sensor.width, set.sensor.height) != (s.width as usize, s.height as usize) {
@@ -279,7 +284,7 @@ impl Design {
     }
 }
 
-/// The stack of a capture, without its frames.
+/// The stack of a capture; its frames are set later.
 fn stack(camera: &Camera, capture: &Capture, index: usize, first_number: u32) -> Stack {
     Stack {
         capture: index,
@@ -288,7 +293,7 @@ fn stack(camera: &Camera, capture: &Capture, index: usize, first_number: u32) ->
         skip: 0,
         frames: 0,
         total: 0,
-        course: Course::default(),
+        variation: FrameVariation::default(),
         first_number,
         exposure_s: capture.exposure_s,
         analog_gain: capture.analog_gain,
@@ -296,7 +301,7 @@ fn stack(camera: &Camera, capture: &Capture, index: usize, first_number: u32) ->
     }
 }
 
-/// The target of a capture; `None` where its scene is not one that can be measured.
+/// The target of a capture; `None` for scenes that cannot be measured.
 fn target(capture: &Capture, stack: &Stack) -> Result<Option<Target>> {
     let Some(scene) = capture.scene.as_ref().map(SceneSeen::spec) else { return Ok(None) };
     let geometry = chart::geometry(&scene).map_err(|e| e.at("[capture.scene]"))?;
@@ -322,7 +327,7 @@ fn condition(camera: &Camera, set: &CaptureSet, stack: &Stack) -> Result<Conditi
                 None => vec![0.0; photo_e.len()],
             }
         }
-        // A stack follows itself.
+        // A stack is preceded by itself.
         None => photo_e.clone(),
     };
     let light = capture.light.as_ref();
@@ -370,10 +375,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_of_long_captures_share_no_number() {
-        // Captures of up to 10,000 frames lie where they always did.
+    fn frame_numbers_of_long_captures_do_not_overlap() {
+        // Captures of up to 10,000 frames begin at successive multiples.
         assert_eq!(first_numbers(&[8, 10_000, 0, 4]).unwrap(), [10_000, 20_000, 30_000, 40_000]);
-        // Longer ones move those after them, and only those.
+        // Longer ones shift only those after them.
         let counts = [7, 10_001, 25_000, 3, 10_000];
         let first = first_numbers(&counts).unwrap();
         assert_eq!(first[..2], [10_000, 20_000]);

@@ -1,8 +1,8 @@
-//! What is diagnosed: the stacks of a capture set, how they were taken, and which half they belong
-//! to.
+//! The stacks of a capture set, their conditions, and which half they belong to.
 
 mod alternate;
 pub mod channels;
 pub mod codes;
-pub mod course;
+pub mod curve;
 pub mod design;
+pub mod variation;

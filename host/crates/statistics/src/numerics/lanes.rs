@@ -1,5 +1,5 @@
-//! Sums of many `f32` that processors can do side by side: in lanes of a fixed number, so that the
-//! result is the same on every machine, and rounding errors stay small.
+//! Sums of many `f32` in a fixed number of lanes, so that processors can vectorise them with the same
+//! result on every machine, and rounding errors stay small.
 
 const LANES: usize = 16;
 
@@ -37,7 +37,7 @@ pub fn dot(a: &[f32], b: &[f32]) -> f64 {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn sums_are_those_of_arithmetic() {
+    fn sums_are_exact_for_small_integers() {
         // Whole numbers below 2^24: exact in any order.
         for n in [0, 1, 15, 16, 17, 100] {
             let a: Vec<f32> = (0..n).map(|i| i as f32).collect();

@@ -1,17 +1,17 @@
-//! Minima of functions of one and two variables within ranges, without derivatives.
+//! Minimises functions of one and two variables within ranges, without derivatives.
 //!
-//! The functions are negative log-likelihoods and sums of squares, cheap to evaluate and smooth,
-//! but with valleys that a descent from one start may miss: hence a grid that contracts, and
-//! golden section where there is a single minimum.
+//! The functions are negative log-likelihoods and sums of squares: cheap and smooth, but with valleys
+//! that a descent from one start may miss. Hence a grid that contracts, and golden section where
+//! there is a single minimum.
 
 /// Contractions of the grid of [`lowest`]: the last step is 0.4⁷ of the first, 1/600.
 const CONTRACTIONS: usize = 8;
-/// Step of a grid over that of the grid before. Above 1/4, so that a grid of four steps to either
-/// side still holds the neighbours of the point that it contracts to.
+/// Ratio of the steps of successive grids. Above 1/4, so that a grid of four steps to either side
+/// contains the neighbours of the point that it contracts to.
 const CONTRACTION: f64 = 0.4;
 
-/// The point at which a function of two variables is least within ranges: nine by nine points over
-/// the ranges, then as many around the least of them, closer together.
+/// The minimum of a function of two variables within ranges: on nine by nine points over the ranges,
+/// then on as many around the lowest of them, closer together.
 pub fn lowest(of: impl Fn(f64, f64) -> f64, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> (f64, f64) {
     let (mut x, mut y) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
     let (mut dx, mut dy) = ((x1 - x0) / 8.0, (y1 - y0) / 8.0);
@@ -34,8 +34,8 @@ pub fn lowest(of: impl Fn(f64, f64) -> f64, [x0, x1]: [f64; 2], [y0, y1]: [f64; 
     (x, y)
 }
 
-/// The minimum of a function that has one between `low` and `high`, by golden section: each of
-/// `turns` turns leaves 0.618 of the range.
+/// The minimum of a function with a single one between `low` and `high`, by golden section: each of
+/// `turns` iterations reduces the range by 0.618.
 pub fn minimum(mut low: f64, mut high: f64, turns: usize, f: impl Fn(f64) -> f64) -> f64 {
     let golden = 0.5 * (5f64.sqrt() - 1.0);
     for _ in 0..turns {
@@ -50,7 +50,7 @@ mod tests {
     use super::{lowest, minimum};
 
     #[test]
-    fn a_bent_valley_is_followed_to_its_lowest_place() {
+    fn a_curved_valley_is_followed_to_its_minimum() {
         let valley = |x: f64, y: f64| (x - 0.3).powi(2) + 10.0 * (y - x * x).powi(2);
         let (x, y) = lowest(valley, [-1.0, 1.0], [-1.0, 1.0]);
         // The last step is 0.25 · 0.4⁷.

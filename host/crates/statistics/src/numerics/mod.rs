@@ -1,5 +1,5 @@
-//! Numerical tools of the diagnosis that know nothing of cameras: sums in lanes, spectra, tails of
-//! distributions, minima of functions.
+//! Numerical tools that do not depend on cameras: sums in lanes, spectra, tails of distributions,
+//! minima of functions.
 
 pub mod lanes;
 pub mod minimise;

@@ -1,10 +1,10 @@
-//! Power spectra of lines and of frames.
+//! Power spectra of lines and frames.
 
 use camrig_base::median::median;
 use camrig_fourier::plans::{Complex, Fft, RealToComplex, Sample};
 use std::sync::Arc;
 
-/// Power of lines of one length.
+/// Power spectra of lines of one length.
 pub struct Spectrum {
     plan: Arc<dyn RealToComplex<f64>>,
     line: Vec<f64>,
@@ -18,7 +18,7 @@ impl Spectrum {
         Self { line: plan.make_input_vec(), out: plan.make_output_vec(), plan }
     }
 
-    /// Adds |F_k|²/n, k from 1, of a line to `power`: a white line of variance v adds v to each.
+    /// Adds |F_k|²/n, k from 1, of a line to `power`: white noise of variance v adds v to each bin.
     pub fn add(&mut self, line: &[f64], power: &mut [f64]) {
         self.line.copy_from_slice(line);
         // Lengths are those of the plan, so this cannot fail.
@@ -35,7 +35,7 @@ impl Spectrum {
     }
 }
 
-/// Power of frames of one size over two frequencies.
+/// Two-dimensional power spectra of frames of one size.
 pub struct Spectrum2 {
     width: usize,
     height: usize,
@@ -58,8 +58,8 @@ impl Spectrum2 {
     }
 
     /// Adds |F|²/(w h) of a frame to `power`, laid out as `height` rows (frequency along a column,
-    /// wrapped) of `width`/2 + 1 (frequency along a row): white pixels of variance v add v to
-    /// each.
+    /// wrapped) of `width`/2 + 1 (frequency along a row): white noise of variance v adds v to
+    /// each bin.
     pub fn add(&mut self, frame: &[f32], power: &mut [f32]) {
         let (w, h) = (self.width, self.height);
         let (mut line, mut out) = (self.rows.make_input_vec(), self.rows.make_output_vec());
@@ -81,8 +81,8 @@ impl Spectrum2 {
     }
 }
 
-/// What a power over two frequencies, laid out as [`Spectrum2`] has it, is without lines: the
-/// median of each bin's tile, or that of all bins if it is larger. A continuum is no line.
+/// The continuum of a two-dimensional power spectrum in the layout of [`Spectrum2`]: the larger of the
+/// median of each bin's tile and that of all bins. Spectral lines are relative to it.
 pub struct Background {
     /// Bins along a row.
     width: usize,
@@ -94,10 +94,10 @@ pub struct Background {
 }
 
 impl Background {
-    /// Bins to a side of a tile: enough that a line and its leak are few of them.
+    /// Side of a tile, bins: large enough that a line and its leakage are few of them.
     const SIDE: usize = 8;
 
-    /// Of the power of frames of `columns` columns.
+    /// Of the power spectrum of frames with `columns` columns.
     pub fn of(power: &[f32], columns: usize) -> Self {
         let width = columns / 2 + 1;
         let height = power.len() / width;
@@ -118,14 +118,14 @@ impl Background {
 
     /// At a bin.
     pub fn at(&self, bin: usize) -> f32 {
-        // The tile whose bounds, rounded down, enclose a place.
+        // The tile whose bounds, rounded down, enclose the bin.
         let tile = |at: usize, tiles: usize, n: usize| ((at + 1) * tiles - 1) / n;
         let (x, y) = (bin % self.width, bin / self.width);
         let row = tile(y, self.down, self.height);
         self.tiles[row * self.across + tile(x, self.across, self.width)]
     }
 
-    /// The bin of a power that is the highest above it, and how many times.
+    /// The bin of a power spectrum that is highest relative to it, and this ratio.
     pub fn highest(&self, power: &[f32]) -> (usize, f32) {
         let over = power.iter().enumerate().map(|(i, p)| (i, p / self.at(i)));
         over.fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a })
@@ -137,11 +137,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_stands_on_a_continuum() {
+    fn a_line_is_found_on_a_continuum() {
         let (columns, height) = (256, 192);
         let width = columns / 2 + 1;
-        // A hill at low frequencies a hundred times the rest, and a line of a tenth of it
-        // elsewhere.
+        // A peak at low frequencies of a hundred times the rest, and a line of a tenth of it elsewhere.
         let mut power: Vec<f32> = (0..width * height)
             .map(|i| {
                 let (k, l) = (i % width, i / width);
@@ -155,7 +154,7 @@ mod tests {
         let (bin, times) = background.highest(&power);
         assert_eq!(bin, at);
         assert!((times - 10.0).abs() < 0.1, "{times}");
-        // Every bin is in the tile that it was counted in.
+        // Every bin is assigned to the tile whose median includes it.
         for i in (0..width).chain((0..height).map(|l| l * width + 128)) {
             let (x, y) = (i % width, i / width);
             let (tx, ty) = (16, 24);

@@ -1,59 +1,62 @@
-//! Where the dots of a grid lie, how large they are, and the level between them.
+//! The positions of the dots of a grid, their size, and the level between them, by centroids.
 
+use super::measured::MeasuredFigure;
 use super::picture::{Picture, densest_channel};
-use crate::statistic::{Figure, Scale};
+use crate::statistic::Figure;
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Cfa, Plane};
 use camrig_camera::Camera;
 use camrig_scene::chart::dots::Dots;
 use std::collections::BTreeMap;
 
-/// A figure with its value, standard deviation on its scale, and scale.
-type Found = (Figure, f64, f64, Scale);
-
 /// Rings of equal width from the centre to the corner.
 pub const RINGS: usize = 5;
-/// Share of the frame at its border whose dots are left out, so that a distortion of that size
-/// neither removes dots nor adds any. Chosen: a wider border would cost the corners, where a lens
-/// shows most.
+/// Share of the frame at its border without dots, so that a distortion of that size neither removes
+/// dots nor adds any. Chosen: a wider border would lose the corners, where a lens shows most.
 const BORDER: f64 = 0.06;
-/// Radius, pitches, within which the light of a dot is summed; what lies beyond is ground. Chosen:
-/// a blurred dot must fit in, and half a pitch would leave the corners of the window alone as
-/// ground.
+/// Radius, pitches, within which the light of a dot is summed; beyond is background. Chosen: a
+/// blurred dot must fit in, and half a pitch would leave only the corners of the window as
+/// background.
 const REACH: f64 = 0.42;
-/// Robust standard deviations from the median beyond which a dot is left out of the mean of its
-/// ring: there is a defective pixel in its window.
+/// Robust standard deviations from the median beyond which a dot does not count in the mean of its
+/// ring: its window contains a defective pixel.
 const OUTLIER: f64 = 5.0;
 /// Radius of the smallest dots that are measured, periods of the colour filter pattern: smaller
 /// ones have too few pixels of a channel for a centroid.
 const MIN_RADIUS: f64 = 0.75;
-/// Standard deviations by which the summed light of a dot must stand out from the noise of its
-/// window.
-const VISIBLE: f64 = 5.0;
-/// Distance, pitches, from where a dot is expected at which it is taken for a neighbour.
+/// Smallest ratio of the summed light of a dot to the noise of its window.
+const MIN_SNR: f64 = 5.0;
+/// Distance, pitches, from the expected position beyond which a dot is a neighbour.
 const NEIGHBOUR: f64 = 0.4;
-/// Centroids after the first: the window follows the dot until it no longer moves.
+/// Number of times that the window is centred on the dot again.
 const REFINEMENTS: usize = 3;
-/// Samples without which neither a dot nor its ground is measured.
+/// Samples from which a dot and its background are measured.
 const MIN_SAMPLES: usize = 4;
-/// Dots of a ring without which it has no mean.
+/// Dots from which a ring has a mean.
 const MIN_DOTS: usize = 3;
 
-/// A dot as one channel sees it.
+/// An estimate with its variance.
+#[derive(Clone, Copy, Debug)]
+struct Estimate {
+    value: f64,
+    variance: f64,
+}
+
+/// A dot in one channel.
 #[derive(Clone, Copy, Debug)]
 struct Dot {
     /// Centroid, pixels.
     at: [f64; 2],
     /// Variance of the centroid each way, pixels².
     variance: f64,
-    /// Root mean square distance of its light from the centroid, pixels, and its variance.
-    radius: (f64, f64),
-    /// Level around it, DN, and its variance.
-    ground: (f64, f64),
+    /// RMS distance of its light from the centroid, pixels.
+    radius: Estimate,
+    /// Level around it, DN.
+    background: Estimate,
 }
 
 /// The figures of a grid of dots.
-pub fn figures(camera: &Camera, dots: &Dots, picture: &Picture) -> Vec<Found> {
+pub fn figures(camera: &Camera, dots: &Dots, picture: &Picture) -> Vec<MeasuredFigure> {
     let cfa = &camera.sensor.cfa;
     let frame = &picture.mean;
     let pitch = dots.pitch * frame.width as f64;
@@ -67,7 +70,7 @@ pub fn figures(camera: &Camera, dots: &Dots, picture: &Picture) -> Vec<Found> {
     let mut out = rings(&grid, &own, camera.sensor.black_level_dn, reference);
     for channel in (0..channels.len()).filter(|c| *c != reference) {
         let other = grid.around(frame, cfa, channels[channel], &own);
-        out.extend(apart(&grid, &own, &other, camera.sensor.black_level_dn, channel));
+        out.extend(lateral_colour(&grid, &own, &other, camera.sensor.black_level_dn, channel));
     }
     out
 }
@@ -111,8 +114,8 @@ impl Grid {
         ((self.field(index) * RINGS as f64) as usize).min(RINGS - 1)
     }
 
-    /// Dots from the centre outwards, each looked for where its neighbour towards the centre
-    /// predicts it.
+    /// Finds dots from the centre outwards, each at the position extrapolated from its neighbour
+    /// towards the centre.
     fn track(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char) -> ByIndex {
         let mut found: ByIndex = BTreeMap::new();
         for &index in &self.indices {
@@ -122,7 +125,7 @@ impl Grid {
             let ideal = self.ideal(index);
             let shift = found.get(&inner).map_or([0.0; 2], |d| {
                 let at = self.ideal(inner);
-                // Distortion grows with the height at least in proportion.
+                // Displacement increases at least in proportion to the field height.
                 let grown = self.field(index) / self.field(inner).max(1e-9);
                 let grown = if inner == (0, 0) { 1.0 } else { grown };
                 [0, 1].map(|k| (d.at[k] - at[k]) * grown)
@@ -135,13 +138,13 @@ impl Grid {
         found
     }
 
-    /// Dots of another channel around those found.
+    /// Finds the dots of another channel near those found.
     fn around(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char, found: &ByIndex) -> ByIndex {
         let near = |dot: &Dot| self.locate(frame, cfa, letter, dot.at);
         found.iter().filter_map(|(index, dot)| Some((*index, near(dot)?))).collect()
     }
 
-    /// The dot near a place, by its centroid, in a window that follows it.
+    /// The centroid of the dot near a position, in a window that is centred on it.
     fn locate(&self, frame: &Plane<f32>, cfa: &Cfa, letter: char, near: [f64; 2]) -> Option<Dot> {
         let mut dot = self.centroid(frame, cfa, letter, near)?;
         for _ in 0..REFINEMENTS {
@@ -169,57 +172,60 @@ impl Grid {
         if far.len() < MIN_SAMPLES || near.len() < MIN_SAMPLES {
             return None;
         }
-        let ground = far.iter().map(|s| s[2]).sum::<f64>() / n;
-        let noise = far.iter().map(|s| (s[2] - ground).powi(2)).sum::<f64>() / (n - 1.0);
+        let background = far.iter().map(|s| s[2]).sum::<f64>() / n;
+        let noise = far.iter().map(|s| (s[2] - background).powi(2)).sum::<f64>() / (n - 1.0);
         let sum = |of: &dyn Fn(&[f64; 3]) -> f64| {
-            near.iter().map(|s| (ground - s[2]) * of(s)).sum::<f64>()
+            near.iter().map(|s| (background - s[2]) * of(s)).sum::<f64>()
         };
         let mass = sum(&|_| 1.0);
         let spread = near.iter().map(|s| s[0] * s[0] + s[1] * s[1]).sum::<f64>();
-        if mass.abs() < VISIBLE * (noise * near.len() as f64).sqrt() {
+        if mass.abs() < MIN_SNR * (noise * near.len() as f64).sqrt() {
             return None;
         }
-        let place = [sum(&|s| s[0]) / mass, sum(&|s| s[1]) / mass];
-        let distance = |s: &[f64; 3]| (s[0] - place[0]).powi(2) + (s[1] - place[1]).powi(2);
+        let offset = [sum(&|s| s[0]) / mass, sum(&|s| s[1]) / mass];
+        let distance = |s: &[f64; 3]| (s[0] - offset[0]).powi(2) + (s[1] - offset[1]).powi(2);
         let square = (sum(&distance) / mass).max(1e-6);
         let scatter = near.iter().map(|s| (distance(s) - square).powi(2)).sum::<f64>();
         Some(Dot {
-            at: [at[0] + place[0], at[1] + place[1]],
+            at: [at[0] + offset[0], at[1] + offset[1]],
             variance: 0.5 * noise * spread / (mass * mass),
             // Var √q = Var q / 4q.
-            radius: (square.sqrt(), noise * scatter / (mass * mass) / (4.0 * square)),
-            ground: (ground, noise / n),
+            radius: Estimate {
+                value: square.sqrt(),
+                variance: noise * scatter / (mass * mass) / (4.0 * square),
+            },
+            background: Estimate { value: background, variance: noise / n },
         })
     }
 }
 
-/// Mean of values with their variances, and its standard deviation; outliers are left out.
-fn mean(values: &[(f64, f64)]) -> Option<(f64, f64)> {
+/// Mean of estimates without outliers, and its standard deviation.
+fn mean(values: &[Estimate]) -> Option<(f64, f64)> {
     if values.len() < MIN_DOTS {
         return None;
     }
-    let median = |of: &dyn Fn(&(f64, f64)) -> f64| {
+    let median = |of: &dyn Fn(&Estimate) -> f64| {
         median(&mut values.iter().map(of).collect::<Vec<_>>(), f64::total_cmp)
     };
-    let middle = median(&|v| v.0);
-    let off = median(&|v| (v.0 - middle).abs());
-    let noise = median(&|v| v.1).sqrt();
-    let limit = OUTLIER * (SD_PER_MAD * off).max(noise);
-    let kept: Vec<(f64, f64)> =
-        values.iter().copied().filter(|v| (v.0 - middle).abs() <= limit).collect();
+    let middle = median(&|v| v.value);
+    let mad = median(&|v| (v.value - middle).abs());
+    let noise = median(&|v| v.variance).sqrt();
+    let limit = OUTLIER * (SD_PER_MAD * mad).max(noise);
+    let kept: Vec<Estimate> =
+        values.iter().copied().filter(|v| (v.value - middle).abs() <= limit).collect();
     let n = kept.len() as f64;
-    let sum = kept.iter().map(|v| v.0).sum::<f64>();
-    Some((sum / n, kept.iter().map(|v| v.1).sum::<f64>().sqrt() / n))
+    let sum = kept.iter().map(|v| v.value).sum::<f64>();
+    Some((sum / n, kept.iter().map(|v| v.variance).sum::<f64>().sqrt() / n))
 }
 
-/// A value of a dot with its variance.
-type Measured<'a> = dyn Fn((i32, i32), &Dot) -> (f64, f64) + 'a;
+/// An estimate from a dot.
+type OfDot<'a> = dyn Fn((i32, i32), &Dot) -> Estimate + 'a;
 
-/// What each ring shows of the reference channel.
-fn rings(grid: &Grid, found: &ByIndex, black: f64, channel: usize) -> Vec<Found> {
+/// The figures of each ring in the reference channel.
+fn rings(grid: &Grid, found: &ByIndex, black: f64, channel: usize) -> Vec<MeasuredFigure> {
     let mut out = Vec::new();
     for ring in 0..RINGS {
-        let of = |value: &Measured<'_>| -> Option<(f64, f64)> {
+        let of = |value: &OfDot<'_>| -> Option<(f64, f64)> {
             let inside = found.iter().filter(|(i, _)| **i != (0, 0) && grid.ring(**i) == ring);
             mean(&inside.map(|(i, d)| value(*i, d)).collect::<Vec<_>>())
         };
@@ -228,45 +234,61 @@ fn rings(grid: &Grid, found: &ByIndex, black: f64, channel: usize) -> Vec<Found>
             [d.at[0] - at[0], d.at[1] - at[1]]
         };
         let r = ring as u8;
+        let of_position = |value, d: &Dot| Estimate { value, variance: d.variance };
         let figures = [
-            (Figure::Outwards(r), of(&|i, d| (outwards(i, shift(i, d)), d.variance))),
-            (Figure::Rightwards(r), of(&|i, d| (shift(i, d)[0], d.variance))),
-            (Figure::Downwards(r), of(&|i, d| (shift(i, d)[1], d.variance))),
+            (Figure::Radial(r), of(&|i, d| of_position(radial(i, shift(i, d)), d))),
+            (Figure::Horizontal(r), of(&|i, d| of_position(shift(i, d)[0], d))),
+            (Figure::Vertical(r), of(&|i, d| of_position(shift(i, d)[1], d))),
             (Figure::DotRadius(r), of(&|_, d| d.radius)),
             (
-                Figure::Ground { channel: channel as u8, ring: r },
-                of(&|_, d| (d.ground.0 - black, d.ground.1)),
+                Figure::Background { channel: channel as u8, ring: r },
+                of(&|_, d| above(d.background, black)),
             ),
         ];
         for (figure, value) in figures {
-            out.extend(value.map(|(v, sd)| (figure, v, sd, Scale::Linear)));
+            out.extend(value.map(|(v, sd)| MeasuredFigure::linear(figure, v, sd)));
         }
     }
     out
 }
 
-/// The part of a displacement that points away from the centre.
-fn outwards((column, row): (i32, i32), shift: [f64; 2]) -> f64 {
+/// A level above black.
+fn above(level: Estimate, black: f64) -> Estimate {
+    Estimate { value: level.value - black, ..level }
+}
+
+/// The component of a displacement away from the centre.
+fn radial((column, row): (i32, i32), shift: [f64; 2]) -> f64 {
     let (x, y) = (f64::from(column), f64::from(row));
     (x * shift[0] + y * shift[1]) / libm::hypot(x, y)
 }
 
-/// What each ring shows of another channel.
-fn apart(grid: &Grid, own: &ByIndex, other: &ByIndex, black: f64, channel: usize) -> Vec<Found> {
-    let (mut shifts, mut grounds) = (vec![Vec::new(); RINGS], vec![Vec::new(); RINGS]);
+/// The figures of each ring in another channel.
+fn lateral_colour(
+    grid: &Grid,
+    own: &ByIndex,
+    other: &ByIndex,
+    black: f64,
+    channel: usize,
+) -> Vec<MeasuredFigure> {
+    let (mut shifts, mut backgrounds) = (vec![Vec::new(); RINGS], vec![Vec::new(); RINGS]);
     for (index, dot) in other.iter().filter(|(i, _)| **i != (0, 0)) {
         let Some(first) = own.get(index) else { continue };
         let shift = [dot.at[0] - first.at[0], dot.at[1] - first.at[1]];
         let ring = grid.ring(*index);
-        shifts[ring].push((outwards(*index, shift), dot.variance + first.variance));
-        grounds[ring].push((dot.ground.0 - black, dot.ground.1));
+        let (value, variance) = (radial(*index, shift), dot.variance + first.variance);
+        shifts[ring].push(Estimate { value, variance });
+        backgrounds[ring].push(above(dot.background, black));
     }
     let mut out = Vec::new();
-    for (ring, (shifts, grounds)) in shifts.iter().zip(&grounds).enumerate() {
+    for (ring, (shifts, backgrounds)) in shifts.iter().zip(&backgrounds).enumerate() {
         let (channel, ring) = (channel as u8, ring as u8);
-        let (shift, ground) = (Figure::Apart { channel, ring }, Figure::Ground { channel, ring });
-        out.extend(mean(shifts).map(|(v, sd)| (shift, v, sd, Scale::Linear)));
-        out.extend(mean(grounds).map(|(v, sd)| (ground, v, sd, Scale::Linear)));
+        for (figure, values) in [
+            (Figure::LateralColour { channel, ring }, shifts),
+            (Figure::Background { channel, ring }, backgrounds),
+        ] {
+            out.extend(mean(values).map(|(v, sd)| MeasuredFigure::linear(figure, v, sd)));
+        }
     }
     out
 }
@@ -301,15 +323,15 @@ mod tests {
 
     #[test]
     fn distorted_dots_are_followed_and_measured() {
-        // 8 % at the corner: the outer dots are nearly a pitch from where an ideal grid has them.
+        // 8 % at the corner: the outer dots are nearly a pitch from their position in an ideal grid.
         for k1 in [0.0, -0.03, 0.08] {
             let frame = grid_of_discs(k1);
             let grid = Grid::new(&frame, 12.0);
             let found = grid.track(&frame, &Cfa::parse("mono").unwrap(), 'M');
             assert!(found.len() as f64 > 0.8 * grid.indices.len() as f64, "{k1}: {}", found.len());
-            for (figure, value, ..) in rings(&grid, &found, 0.0, 0) {
+            for MeasuredFigure { figure, value, .. } in rings(&grid, &found, 0.0, 0) {
                 match figure {
-                    Figure::Outwards(r) => {
+                    Figure::Radial(r) => {
                         let inside = found
                             .keys()
                             .filter(|i| **i != (0, 0) && grid.ring(**i) == usize::from(r));
@@ -319,15 +341,15 @@ mod tests {
                             expected += height * k1 * grid.field(i).powi(2);
                             n += 1.0;
                         }
-                        // A hundredth of a pixel: what sampling leaves of a soft disc's centroid.
+                        // Sampling shifts the centroid of a soft disc by a hundredth of a pixel.
                         assert!(
                             (value - expected / n).abs() < 0.02,
                             "{k1} ring {r}: {value} {}",
                             expected / n
                         );
                     }
-                    Figure::Rightwards(_) => assert!((value - 0.3).abs() < 0.05, "{k1}: {value}"),
-                    Figure::Ground { .. } => assert!((value - 800.0).abs() < 8.0, "{value}"),
+                    Figure::Horizontal(_) => assert!((value - 0.3).abs() < 0.05, "{k1}: {value}"),
+                    Figure::Background { .. } => assert!((value - 800.0).abs() < 8.0, "{value}"),
                     _ => {}
                 }
             }

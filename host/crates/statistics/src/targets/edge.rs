@@ -1,7 +1,8 @@
-//! The response along a slanted edge.
+//! The MTF along a slanted edge (ISO 12233), and the levels of its sides.
 
+use super::measured::MeasuredFigure;
 use super::picture::Picture;
-use crate::statistic::{Figure, Scale};
+use crate::statistic::Figure;
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
 use camrig_measure::mtf::{self, Roi};
@@ -17,7 +18,7 @@ pub fn figures(
     angle_deg: f64,
     horizontal: bool,
     picture: &Picture,
-) -> Result<Vec<(Figure, f64, f64, Scale)>> {
+) -> Result<Vec<MeasuredFigure>> {
     let (cfa, black) = (&camera.sensor.cfa, camera.sensor.black_level_dn);
     let frequencies = TENTHS.map(|t| f64::from(t) / 10.0);
     let full = ((1u32 << camera.sensor.bits) - 1) as u16;
@@ -29,13 +30,13 @@ pub fn figures(
             for (tenths, (value, sd)) in TENTHS.iter().zip(r.at) {
                 let (part, channel, tenths) = (part as u8, channel as u8, *tenths);
                 let figure = Figure::Response { part, channel, tenths };
-                out.push((figure, value, sd, Scale::Linear));
+                out.push(MeasuredFigure::linear(figure, value, sd));
             }
             if part == PARTS / 2 {
                 for (side, (level, sd)) in r.levels.iter().enumerate() {
                     let (side, channel) = (side as u8, channel as u8);
                     let figure = Figure::EdgeLevel { side, channel };
-                    out.push((figure, level - black, *sd, Scale::Linear));
+                    out.push(MeasuredFigure::linear(figure, level - black, *sd));
                 }
             }
         }
@@ -50,8 +51,8 @@ fn region(frame: &Plane<f32>, angle_deg: f64, horizontal: bool, part: usize) -> 
         false => (frame.width, frame.height),
     };
     let (half, third) = (across / 2, along / PARTS);
-    // A clockwise rotation moves the lower end of a vertical edge to the left, and the right end
-    // of a horizontal one down.
+    // A clockwise rotation moves the lower end of a vertical edge to the left, the right end of a
+    // horizontal edge down.
     let from_middle = (part as f64 - (PARTS / 2) as f64) * third as f64;
     let shift =
         from_middle * libm::tan(angle_deg.to_radians()) * if horizontal { 1.0 } else { -1.0 };

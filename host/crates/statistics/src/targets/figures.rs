@@ -1,22 +1,23 @@
-//! The figures of targets as statistics.
+//! The figures of targets, and their statistics.
 
+use super::measured::MeasuredFigure;
 use super::picture::Picture;
 use super::{chart, dots, edge};
 use crate::data::design::{Design, Target};
-use crate::statistic::{Figure, Place, Scale, Statistic, What};
+use crate::statistic::{Place, Statistic, What};
 use camrig_base::Result;
 use camrig_camera::Camera;
 use camrig_scene::chart::Geometry;
 
-/// The figures of a target: what, value, standard deviation on its scale, scale.
+/// The figures of a target.
 ///
 /// # Errors
-/// A target that is not where its scene has it.
+/// A target that is not where its scene places it.
 pub fn figures(
     camera: &Camera,
     target: &Target,
     picture: &Picture,
-) -> Result<Vec<(Figure, f64, f64, Scale)>> {
+) -> Result<Vec<MeasuredFigure>> {
     match &target.geometry {
         Geometry::Edge { angle_deg, horizontal } => {
             edge::figures(camera, *angle_deg, *horizontal, picture)
@@ -28,11 +29,12 @@ pub fn figures(
     }
 }
 
-/// The statistics of a design's targets. A picture in which its target is not found gives none.
+/// The statistics of a design's targets; none for a picture in which the target is not found.
 pub fn battery(camera: &Camera, design: &Design, pictures: &[Picture]) -> Vec<Statistic> {
     let mut out = Vec::new();
     for (i, (target, picture)) in design.targets.iter().zip(pictures).enumerate() {
-        for (figure, value, sd, scale) in figures(camera, target, picture).unwrap_or_default() {
+        for found in figures(camera, target, picture).unwrap_or_default() {
+            let MeasuredFigure { figure, value, sd, scale } = found;
             let comparable = target.lux.is_some() || !figure.is_level();
             if value.is_finite() && sd.is_finite() && comparable {
                 let (place, what) = (Place::Target(i), What::Of(figure));

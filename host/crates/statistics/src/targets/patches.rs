@@ -4,10 +4,10 @@ use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
 use camrig_measure::patches::{self, Patch, built_in_corners};
 
-/// The patches of a frame, of single codes or of their means, DN.
+/// The patches of a frame of codes or of their means, DN.
 ///
 /// # Errors
-/// A chart that cannot be measured, as one whose patches are too small.
+/// Charts that cannot be measured, for example with patches that are too small.
 pub(super) fn measure<T: Copy + Into<f64>>(
     camera: &Camera,
     card_width: f64,

@@ -1,4 +1,4 @@
-//! What is kept of the frames of a target.
+//! The mean picture of a target.
 
 use super::patches::variances;
 use crate::data::design::Target;
@@ -7,14 +7,14 @@ use camrig_camera::Camera;
 use camrig_measure::patches::COUNT;
 use camrig_scene::chart::Geometry;
 
-/// The frames of a target, reduced to what its figures need.
+/// The frames of a target, reduced to what its figures are computed from.
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// Mean of the frames, DN.
     pub mean: Plane<f32>,
     /// Number of frames.
     pub frames: usize,
-    /// Variance of the luminance within each patch of a ColorChecker, DN², mean over the frames;
+    /// Variance of the luminance within each patch of a ColorChecker, DN², averaged over the frames;
     /// empty for other targets.
     pub patch_variance: Vec<f64>,
 }
