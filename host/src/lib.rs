@@ -2,7 +2,8 @@
 //! Spectral scene → lens → sensor → Bayer raw, as a real camera makes it.
 //!
 //! A facade: each module is a crate of its own (`camrig::scene` is `camrig-scene`), and
-//! [`prelude`] has what most programs need. The program `camrig` is this crate's binary.
+//! [`prelude`] has what most programs need. The program `camrig` is the crate
+//! `camrig-cli`.
 //!
 //! | module | takes | gives |
 //! |---|---|---|
@@ -54,9 +55,7 @@
 //! and a diagnosis.
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
-pub mod cli;
 pub mod prelude;
-pub mod view;
 
 pub use camrig_base::{
     Error, ErrorKind, Plane, RawFrame, Result, alternatives, output, toml_text,

@@ -1,5 +1,5 @@
 //! The program `camrig`, built with the tests so that they always run the current one.
 
 fn main() -> std::process::ExitCode {
-    camrig::cli::main()
+    camrig_cli::main()
 }

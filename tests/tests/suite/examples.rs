@@ -1,5 +1,5 @@
 //! The examples of `--help`, run as a person copies them, for the commands that no chapter of the
-//! guide runs. That every example parses is tested in host/src/cli/examples.rs.
+//! guide runs. That every example parses is tested in host/cli/src/examples.rs.
 
 use super::{camrig, camrig_ok, small_camera};
 use std::path::Path;

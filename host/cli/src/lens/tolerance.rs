@@ -1,7 +1,7 @@
 //! `camrig lens tolerance`: the effect of manufacturing errors.
 
 use super::LensArgs;
-use crate::cli::arguments;
+use crate::arguments;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_lens::prescription::{Medium, Surface};

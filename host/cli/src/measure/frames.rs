@@ -1,6 +1,6 @@
 //! `camrig measure patches|profile`: figures of single raw frames.
 
-use crate::cli::arguments::finite;
+use crate::arguments::finite;
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats as formats;

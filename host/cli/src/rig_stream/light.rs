@@ -1,11 +1,11 @@
 //! The light of a stream: a still scene, irradiance files in turn, or a changing scene.
 
 use super::Args;
-use crate::cli::expose;
-use crate::cli::notes::Notes;
-use crate::cli::scene_lights::SceneLights;
-use crate::cli::simulate::ViewArgs;
-use crate::cli::times;
+use crate::expose;
+use crate::notes::Notes;
+use crate::scene_lights::SceneLights;
+use crate::simulate::ViewArgs;
+use crate::times;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};

@@ -29,8 +29,7 @@ mod state;
 
 pub use order::Order;
 pub use state::{
-    Event, Frame, Light, Progress, Recording, Register, Settings, Shared, Source, State, Status,
-    Timing,
+    Frame, Light, Progress, Recording, Register, Settings, Shared, Source, State, Status, Timing,
 };
 
 use camrig_base::{Error, Result};

@@ -1,7 +1,7 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
 use super::{PageArgs, dark, object, plus_minus, to_json};
-use crate::cli::captures::opened;
+use crate::captures::opened;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::Role;

@@ -1,5 +1,5 @@
 //! The program `camrig`.
 
 fn main() -> std::process::ExitCode {
-    camrig::cli::main()
+    camrig_cli::main()
 }

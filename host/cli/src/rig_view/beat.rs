@@ -1,6 +1,6 @@
 //! Frame timing of the console.
 
-use crate::cli::rig_stream::pace;
+use crate::rig_stream::pace;
 use camrig_base::stop::Stoppable;
 use camrig_rig::Rig;
 use std::time::{Duration, Instant};

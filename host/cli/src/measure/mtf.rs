@@ -2,7 +2,7 @@
 
 use super::frames::{Given, Opened, roi, tell_assumed_mono};
 use super::{PageArgs, plus_minus};
-use crate::cli::arguments::positive;
+use crate::arguments::positive;
 use camrig_base::{Error, Plane, Result};
 use camrig_measure::Value;
 use camrig_measure::mtf::{self, Edge, Roi};

@@ -2,18 +2,19 @@
 //! `run(args) -> Result<ExitCode>` (parse, call the library, print). Data go to standard output,
 //! notes and errors to standard error. Exit status: 0 success, 1 a comparison found a difference,
 //! 2 bad input.
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 /// `println!` of this program: a closed standard output is an error with a message, not a panic.
 macro_rules! println {
-    () => { $crate::cli::stdout::print(format_args!("\n")) };
+    () => { $crate::stdout::print(format_args!("\n")) };
     ($($what:tt)*) => {
-        $crate::cli::stdout::print(format_args!("{}\n", format_args!($($what)*)))
+        $crate::stdout::print(format_args!("{}\n", format_args!($($what)*)))
     };
 }
 
 /// `print!`, likewise.
 macro_rules! print {
-    ($($what:tt)*) => { $crate::cli::stdout::print(format_args!($($what)*)) };
+    ($($what:tt)*) => { $crate::stdout::print(format_args!($($what)*)) };
 }
 
 mod advice;
@@ -56,6 +57,7 @@ mod simulate;
 mod stdout;
 mod times;
 mod validate;
+mod view;
 
 use camrig_base::{Result, output, platform};
 use clap::{Parser, Subcommand};

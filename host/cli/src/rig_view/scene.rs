@@ -4,8 +4,8 @@
 //! The scene's clock advances with the light shown. While the next light is pending, frames repeat
 //! the previous light and are counted, and the scene's clock stands still.
 
-use crate::cli::scene_lights::{NextLight, SceneLights};
-use crate::cli::times;
+use crate::scene_lights::{NextLight, SceneLights};
+use crate::times;
 use crate::view::{Progress, Shared};
 use camrig_base::{Error, Result};
 use camrig_exposure::IrradianceCube;

@@ -1,7 +1,7 @@
 //! `camrig lens macro`: prints the script with which a lens-design program exports a lens.
 
 use super::Wavelengths;
-use crate::cli::arguments;
+use crate::arguments;
 use camrig_base::{Error, Result};
 use camrig_lens::macros::{Export, Program};
 use clap::builder::TypedValueParser;

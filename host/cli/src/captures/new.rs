@@ -1,6 +1,6 @@
 //! `camrig captures new`: a manifest from the frames of a folder.
 
-use crate::cli::arguments::{duration, positive, progress};
+use crate::arguments::{duration, positive, progress};
 use camrig_base::output::OutputFile;
 use camrig_base::{Cfa, Error, Result};
 use camrig_captures::Role;

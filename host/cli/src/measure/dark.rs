@@ -1,7 +1,7 @@
 //! `camrig measure dark`: figures of a stack of dark frames.
 
 use super::{object, plus_minus};
-use crate::cli::captures::opened;
+use crate::captures::opened;
 use camrig_base::output::OutputDir;
 use camrig_base::{Cfa, Error, Result};
 use camrig_captures::{CaptureSet, Role};
@@ -19,7 +19,7 @@ pub struct DarkArgs {
     #[arg(required = true)]
     frames: Vec<PathBuf>,
     /// System gain, for the read noise in electrons
-    #[arg(long, value_name = "K", value_parser = crate::cli::arguments::positive)]
+    #[arg(long, value_name = "K", value_parser = crate::arguments::positive)]
     dn_per_e: Option<f64>,
     /// Colour filter pattern, where the files do not say (mono without either)
     #[arg(long, value_name = "PATTERN")]

@@ -43,7 +43,7 @@ pub struct SpectralArgs {
     #[arg(long, value_name = "CSV")]
     training: Vec<PathBuf>,
     /// Relative noise that the estimate allows for
-    #[arg(long, default_value_t = spectral::NOISE, value_parser = crate::cli::arguments::positive)]
+    #[arg(long, default_value_t = spectral::NOISE, value_parser = crate::arguments::positive)]
     noise: f64,
     #[command(flatten)]
     to: Output,

@@ -1,7 +1,7 @@
 //! The output of a stream, to which each raw frame is written as soon as it arrives.
 
 use super::Args;
-use crate::cli::live::{self, LiveFrames};
+use crate::live::{self, LiveFrames};
 use camrig_base::output::LiveOutput;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;

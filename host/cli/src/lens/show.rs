@@ -1,7 +1,7 @@
 //! What `camrig lens` prints about a lens.
 
 use super::InfoArgs;
-use crate::cli::screen;
+use crate::screen;
 use camrig_base::{Result, Spectrum};
 use camrig_lens::System;
 use camrig_lens::characterise::FieldPoint;
