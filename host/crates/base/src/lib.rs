@@ -51,13 +51,14 @@ pub mod platform;
 mod spectrum;
 pub mod stop;
 pub mod table;
+mod table_column;
 mod table_form;
 mod table_fractions;
-mod table_header;
 mod table_marks;
 mod table_quantity;
 pub mod tails;
 pub mod toml_text;
+pub mod unit;
 
 pub use cfa::Cfa;
 pub use error::{Error, ErrorKind, Result};

@@ -5,10 +5,16 @@
 //! with a decimal comma where the comma does not separate; with any header or none; in nm, µm or Å;
 //! from short to long wavelengths or back. What was assumed is in [`SpectralTable::remarks`]. A
 //! line `# outside: held` or `# outside: zero` says what the curves are outside their wavelengths.
+//!
+//! What the values are is read from names of a closed list and from units
+//! ([`unit`](crate::unit)); what is not understood is refused. A line `# unit: W/m2/nm` says it in
+//! place of the header, and `# column: NAME` which of several columns is meant.
 
 use crate::spectrum::Outside;
+use crate::table_column::{Column, Keys};
 use crate::table_form::{Form, content};
 use crate::table_marks::Marks;
+use crate::table_quantity::Quantity;
 pub use crate::table_quantity::Wanted;
 use crate::{Error, Result, Spectrum};
 use std::borrow::Cow;
@@ -29,8 +35,10 @@ pub struct SpectralTable {
     pub(crate) headers: Vec<String>,
     /// A line above the header that says per cent.
     pub(crate) percent_above: Option<String>,
-    /// Whether the curves are what was wanted, whatever the headers say.
-    pub(crate) is_converted: bool,
+    /// The unit that the table states in place of its header.
+    unit: Option<String>,
+    /// Whether the table names the column that is meant.
+    is_chosen: bool,
     /// What the file says of wavelengths outside.
     pub outside: Option<Outside>,
     /// What was assumed, for the user.
@@ -102,25 +110,97 @@ impl SpectralTable {
                 .at(format!("line {}", lines[i + 1]))
                 .help("wavelengths must rise strictly, or fall strictly"));
         }
-        let to_nm = form.unit(&wavelength, &mut remarks)?;
-        let mut wavelength_nm: Vec<f64> = wavelength.into_iter().map(|w| to_nm.nm(w)).collect();
+        let mut wavelength_nm = form.nm(&wavelength, &mut remarks)?;
         if falls {
             wavelength_nm.reverse();
             curves.iter_mut().for_each(|(_, values)| values.reverse());
         }
-        let outside = outside(text)?;
+        let keys = Keys::of(text)?;
         let Form { headers, percent_above, .. } = form;
-        let (is_converted, name) = (false, None);
-        Ok(Self {
+        let mut table = Self {
             wavelength_nm,
             curves,
             headers,
             percent_above,
-            is_converted,
-            outside,
+            unit: keys.unit,
+            is_chosen: keys.column.is_some(),
+            outside: outside(keys.outside)?,
             remarks,
-            name,
-        })
+            name: None,
+        };
+        if let Some(name) = keys.column {
+            let column = table.only_column(&name)?.ok_or_else(|| {
+                let known: Vec<&str> = table.curves.iter().map(|(name, _)| &name[..]).collect();
+                Error::input(format!("no column {name:?}"))
+                    .help(format!("the table has {}", known.join(", ")))
+            })?;
+            table.keep(|i| i == column);
+        }
+        Ok(table)
+    }
+
+    /// Drops the columns but those.
+    fn keep(&mut self, is_kept: impl Fn(usize) -> bool) {
+        let mut kept = (0..self.curves.len()).map(&is_kept);
+        self.curves.retain(|_| kept.next().unwrap_or(false));
+        let mut kept = (0..self.headers.len()).map(&is_kept);
+        self.headers.retain(|_| kept.next().unwrap_or(false));
+    }
+
+    /// What the values of the columns are. Columns with names that are not known are left out,
+    /// with a remark, where another's is.
+    ///
+    /// # Errors
+    /// Those of [`SpectralTable::convert`].
+    pub(crate) fn quantities(&mut self, wanted: Wanted) -> Result<Vec<Quantity>> {
+        let of = |header: &String| {
+            Quantity::of(&Column::of(header), self.unit.as_deref(), self.is_chosen, wanted)
+        };
+        let found: Vec<Option<Quantity>> = self.headers.iter().map(of).collect::<Result<_>>()?;
+        if found.iter().all(Option::is_none) {
+            return Err(Error::input(format!(
+                "the header {:?} names no quantity that is known",
+                self.headers[0]
+            ))
+            .help(wanted.help()));
+        }
+        let unknown = (0..found.len()).filter(|i| found[*i].is_none());
+        for header in unknown.map(|i| self.headers[i].clone()).collect::<Vec<_>>() {
+            self.remark(format!(
+                "its column {header:?} is left out: the header names no quantity that is known"
+            ));
+        }
+        self.keep(|i| found[i].is_some());
+        Ok(found.into_iter().flatten().collect())
+    }
+
+    /// Converts the columns to what is wanted, and remarks on it.
+    ///
+    /// # Errors
+    /// A column of another quantity, or in a unit that is not understood; names of which none is
+    /// known.
+    pub fn convert(&mut self, wanted: Wanted) -> Result<()> {
+        let quantities = self.quantities(wanted)?;
+        self.convert_each(&quantities, wanted);
+        Ok(())
+    }
+
+    pub(crate) fn convert_each(&mut self, quantities: &[Quantity], wanted: Wanted) {
+        for ((_, values), quantity) in self.curves.iter_mut().zip(quantities) {
+            for (value, nm) in values.iter_mut().zip(&self.wavelength_nm) {
+                *value = quantity.convert(*value, *nm);
+            }
+        }
+        let alike = quantities.windows(2).all(|pair| pair[0] == pair[1]);
+        for (column, quantity) in
+            quantities.iter().enumerate().take(if alike { 1 } else { usize::MAX })
+        {
+            let name = &self.curves[column].0;
+            let values = if alike { "its values".into() } else { format!("those of {name:?}") };
+            if let Some(told) = quantity.told(wanted) {
+                self.remark(format!("{values} {told}"));
+            }
+        }
     }
 
     /// The table with the name that remarks call it by.
@@ -194,25 +274,16 @@ impl SpectralTable {
     }
 }
 
-/// What a remark `# outside: ...` of a table says.
-fn outside(text: &str) -> Result<Option<Outside>> {
-    let remarks = text.lines().enumerate().filter_map(|(i, line)| {
-        let said = line.trim().strip_prefix('#')?.trim().strip_prefix("outside:")?;
-        Some((i + 1, said.trim()))
-    });
-    let mut found = None;
-    for (line, said) in remarks {
-        found = Some(match said {
-            "held" => Outside::Held,
-            "zero" => Outside::Zero,
-            _ => {
-                return Err(Error::input(format!("outside: {said:?}"))
-                    .at(format!("line {line}"))
-                    .help("the values outside the table are `held` or `zero`"));
-            }
-        });
+/// What the line `# outside: ...` of a table says, with the line's number.
+fn outside(said: Option<(usize, String)>) -> Result<Option<Outside>> {
+    let Some((line, said)) = said else { return Ok(None) };
+    match &said[..] {
+        "held" => Ok(Some(Outside::Held)),
+        "zero" => Ok(Some(Outside::Zero)),
+        _ => Err(Error::input(format!("outside: {said:?}"))
+            .at(format!("line {line}"))
+            .help("the values outside the table are `held` or `zero`")),
     }
-    Ok(found)
 }
 
 /// The text of a table's file: UTF-8, UTF-16 with its mark (a spreadsheet's "Unicode text"), else
@@ -326,8 +397,7 @@ mod tests {
     #[test]
     fn a_name_that_two_columns_have_is_refused() {
         let text = "wavelength_nm,r (min),R (typ),g\n400,0.1,0.2,0.3\n";
-        let mut table = SpectralTable::parse(text).unwrap();
-        table.convert(Wanted::Efficiency).unwrap();
+        let table = SpectralTable::parse(text).unwrap();
         let error = table.only_column("r").unwrap_err().to_string();
         assert!(error.contains("columns 2 (\"r (min)\") and 3 (\"R (typ)\")"), "{error}");
         assert_eq!(table.only_column("g").unwrap(), Some(2));

@@ -1,7 +1,8 @@
 //! How the lines of a spectral table are written: separator, decimals, header and unit.
 
 use crate::numbers::counted;
-use crate::table_header::Header;
+use crate::table_column::{Column, without_wavelength};
+use crate::unit::{Base, Unit};
 use crate::{Error, Result};
 
 /// Wavelengths in nm and in µm, to tell one unit from the other where nothing says it.
@@ -9,6 +10,8 @@ const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
 const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
 /// Wavelengths in nm from hard ultraviolet to far infrared: others are in another unit than told.
 const OPTICAL_NM: std::ops::RangeInclusive<f64> = 10.0..=100_000.0;
+/// What the lines around a spectrometer's table begin with: `>>>>>Begin Spectral Data<<<<<`.
+const MARK: &str = ">>>";
 /// Lines that an instrument may write above its table.
 const MAX_HEADER_LINES: usize = 100;
 
@@ -30,7 +33,7 @@ fn below_end(text: &str) -> Option<String> {
 /// Whether a line ends a table, as that of a spectrometer: `>>>>>End Spectral Data<<<<<`.
 fn is_end(line: &str) -> bool {
     let words = line.trim_start_matches('>');
-    line.starts_with(">>>") && words.get(..3).is_some_and(|end| end.eq_ignore_ascii_case("end"))
+    line.starts_with(MARK) && words.get(..3).is_some_and(|end| end.eq_ignore_ascii_case("end"))
 }
 
 /// The lines of a text that are neither blank nor remarks, with their numbers from 1.
@@ -50,7 +53,7 @@ pub struct Form {
     pub names: Vec<String>,
     /// What the header says of those columns: names, units, remarks; empty without one.
     pub headers: Vec<String>,
-    /// A line above the header that says of light that it is given in per cent.
+    /// A line above the header that ends with per cent in brackets.
     pub percent_above: Option<String>,
     unit: Option<Unit>,
 }
@@ -60,25 +63,6 @@ pub struct Form {
 enum Separator {
     Character(char),
     Blanks,
-}
-
-/// Unit of wavelength.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Unit {
-    Nm,
-    Um,
-    Angstrom,
-}
-
-impl Unit {
-    /// A wavelength of this unit in nm.
-    pub fn nm(self, wavelength: f64) -> f64 {
-        match self {
-            Unit::Nm => wavelength,
-            Unit::Um => wavelength * 1000.0,
-            Unit::Angstrom => wavelength / 10.0,
-        }
-    }
 }
 
 impl Separator {
@@ -149,7 +133,7 @@ impl Form {
         let (mut form, mut remarks) =
             Self::with_header(&header, header_lines, separator, columns)?;
         let mut passed = above.iter().take(header_lines - used);
-        let percent = passed.find(|line| Header::of(line).is_percent_of_light());
+        let percent = passed.find(|line| Column::of(line).unit.as_deref() == Some("%"));
         form.percent_above = percent.map(|line| line.to_string());
         remarks.extend(below_end(text));
         if header_lines > used {
@@ -171,13 +155,11 @@ impl Form {
         let unit = unit(of_wavelength)?;
         let headers = match fields.len() == columns + 1 {
             true => fields[1..].to_vec(),
-            false => vec![header.to_string(); columns],
+            // A line that begins a table, as that of a spectrometer, names no column.
+            false if header.starts_with(MARK) => vec![String::new(); columns],
+            false => vec![without_wavelength(header).to_string(); columns],
         };
-        // Without a unit or a remark in brackets.
-        let bare = |name: &String| {
-            let end = name.find(['(', '[']).unwrap_or(name.len());
-            name[..end].trim_end_matches('%').trim().to_string()
-        };
+        let bare = |name: &String| Column::of(name).name().to_string();
         let mut remarks = Vec::new();
         let names: Vec<String> = if fields.len() == columns + 1 {
             fields.iter().skip(1).map(bare).collect()
@@ -211,31 +193,33 @@ impl Form {
         self.separator.number(field)
     }
 
-    /// The unit of these wavelengths: the header's, else the one that makes them light.
-    pub fn unit(&self, wavelengths: &[f64], remarks: &mut Vec<String>) -> Result<Unit> {
-        if let Some(unit) = self.unit {
-            let strange = wavelengths.iter().find(|w| !OPTICAL_NM.contains(&unit.nm(**w)));
-            return match strange {
-                None => Ok(unit),
-                Some(w) => Err(Error::input(format!("a wavelength of {} nm", unit.nm(*w)))
-                    .help("does the header name the unit of the wavelengths?")),
-            };
-        }
+    /// The wavelengths in nm: by the header's unit, else by the one that makes them light.
+    pub fn nm(&self, wavelengths: &[f64], remarks: &mut Vec<String>) -> Result<Vec<f64>> {
         let all = |range: &std::ops::RangeInclusive<f64>| {
             wavelengths.iter().all(|wavelength| range.contains(wavelength))
         };
-        let (unit, name) = if all(&NM) {
-            (Unit::Nm, "nm")
-        } else if all(&UM) {
-            (Unit::Um, "µm")
-        } else {
-            return Err(Error::input("the unit of the wavelengths is not known"))
-                .map_err(|e| e.help("name the first column wavelength_nm or wavelength_um"));
+        let (unit, assumed) = match self.unit {
+            Some(unit) => (unit, None),
+            None if all(&NM) => (Unit::parse("nm")?, Some("nm")),
+            None if all(&UM) => (Unit::parse("µm")?, Some("µm")),
+            None => {
+                return Err(Error::input("the unit of the wavelengths is not known")
+                    .help("name the first column wavelength_nm or wavelength_um"));
+            }
         };
-        let of =
-            if self.header_lines > 0 { "the header names no unit" } else { "it has no header" };
-        remarks.push(format!("{of}: its first column is taken as wavelength in {name}"));
-        Ok(unit)
+        if let Some(name) = assumed {
+            let of = match self.header_lines {
+                0 => "it has no header",
+                _ => "the header names no unit",
+            };
+            remarks.push(format!("{of}: its first column is taken as wavelength in {name}"));
+        }
+        let nm: Vec<f64> = wavelengths.iter().map(|wavelength| unit.of(*wavelength)).collect();
+        match nm.iter().find(|nm| !OPTICAL_NM.contains(nm)) {
+            None => Ok(nm),
+            Some(nm) => Err(Error::input(format!("a wavelength of {nm} nm"))
+                .help("does the header name the unit of the wavelengths?")),
+        }
     }
 }
 
@@ -310,21 +294,25 @@ fn refuse_other_formats(text: &str) -> Result<()> {
 
 /// The unit that the header of the wavelengths names.
 fn unit(header: &str) -> Result<Option<Unit>> {
-    let header = header.to_lowercase();
-    let words = || header.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
-    for word in words() {
-        match word {
-            "nm" => return Ok(Some(Unit::Nm)),
-            "um" | "µm" | "μm" => return Ok(Some(Unit::Um)),
-            "å" | "angstrom" | "angstroms" | "ångström" => return Ok(Some(Unit::Angstrom)),
-            "wavenumber" | "cm" | "thz" | "ghz" | "hz" | "ev" | "frequency" | "energy" => {
-                return Err(Error::unsupported(format!("a table over {word}"))
-                    .at("header")
-                    .help("give wavelengths in nm; those of 1/cm are 1e7 over the wavenumber"));
+    let refused = |word: &str| {
+        Error::unsupported(format!("a table over {word}"))
+            .at("header")
+            .help("give wavelengths in nm; those of 1/cm are 1e7 over the wavenumber")
+    };
+    for word in header.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty()) {
+        let lower = word.to_lowercase();
+        let Ok(unit) = Unit::parse(word) else {
+            match &*lower {
+                "frequency" | "energy" => return Err(refused(&lower)),
+                _ => continue,
             }
-            _ if word.starts_with("nanomet") => return Ok(Some(Unit::Nm)),
-            _ if word.starts_with("micro") => return Ok(Some(Unit::Um)),
-            _ => {}
+        };
+        if unit.is(&[(Base::Wavelength, 1)]) {
+            return Ok(Some(unit));
+        }
+        let others = [Base::Wavenumber, Base::Frequency, Base::PhotonEnergy];
+        if lower == "cm" || others.iter().any(|base| unit.is(&[(*base, 1)])) {
+            return Err(refused(&lower));
         }
     }
     Ok(None)

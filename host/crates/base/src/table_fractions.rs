@@ -2,6 +2,7 @@
 //! they must cover.
 
 use crate::table::{SpectralTable, Wanted};
+use crate::table_quantity::Quantity;
 use crate::{Error, Result};
 
 /// Largest values of a table that are per cent: more than a measured fraction with its error, up to
@@ -19,10 +20,11 @@ impl SpectralTable {
     /// above), and per cent that a line above the header says and neither the header nor the
     /// values.
     pub fn convert_to_fractions(&mut self, wanted: Wanted) -> Result<()> {
-        if self.is_plain(wanted) {
+        let quantities = self.quantities(wanted)?;
+        if quantities.iter().all(|quantity| *quantity == Quantity::Plain) {
             self.take_percent()?;
         }
-        self.convert(wanted)?;
+        self.convert_each(&quantities, wanted);
         self.clip_noise();
         let most = if wanted == Wanted::Fraction { MAX_REFLECTED } else { 1.0 };
         for (column, values) in &self.curves {

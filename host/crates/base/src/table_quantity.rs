@@ -1,24 +1,236 @@
-//! What the values of a table's column are, by the words of its header, and their conversion to
-//! fractions or powers.
+//! What the values of a table's column are, by a closed list of names and the grammar of units, and
+//! their conversion to fractions or powers. What is in neither is refused, and the line `# unit:`
+//! of the table says what it is.
 
-use crate::table::SpectralTable;
-use crate::table_header::Header;
+use crate::table_column::Column;
+use crate::unit::{Base, Unit};
 use crate::{Error, Result};
 
 /// e⁻ per photon over A/W at 1 nm: hc/e in W·nm/A (CODATA 2018).
 const AMPERES_PER_WATT_NM: f64 = 1_239.841_984;
 /// Energy of a photon of 1 nm, J: hc.
 const PHOTON_J_NM: f64 = 1.986_445_857e-16;
-const PER_FREQUENCY: &str = "power per frequency or wavenumber";
-const LOGARITHM: Quantity = Quantity::Refused("logarithms", "give the values themselves");
+/// Photons in a mole.
+const MOLE_PHOTONS: f64 = 6.022_140_76e23;
+/// Times a power per Hz over the square of the wavelength in nm it is a power per nm: c in nm/s.
+const LIGHT_NM_PER_S: f64 = 2.997_924_58e17;
+/// The same of a power per 1/cm: nm in a cm.
+const CM_NM: f64 = 1e7;
+/// The same of a power per eV: hc in eV·nm (CODATA 2018).
+const PHOTON_EV_NM: f64 = 1_239.841_984;
+/// Absorbance on the scale of natural logarithms in absorbance: log10 e.
+const NAPIERIAN: f64 = std::f64::consts::LOG10_E;
+
+/// What a table is read for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// Electrons per photon.
+    Efficiency,
+    /// Electrons per photon up to a factor.
+    EfficiencyShape,
+    /// Reflectances and other fractions of light; columns have names of materials.
+    Fraction,
+    /// Transmittances.
+    Transmittance,
+    /// Spectral power.
+    Power,
+}
+
+/// What a name stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Transmittance,
+    Reflectance,
+    Efficiency,
+    Responsivity,
+    /// Minus the decimal logarithm of a transmittance, in so many.
+    Absorbance(f64),
+    Power,
+    Photons,
+    /// Something that is not read.
+    Other(&'static str),
+    /// A name that says nothing of the values.
+    Label,
+}
+
+const COUNTS: &str = "counts of a spectrometer, each wavelength with a scale of its own";
+const WEIGHTED: &str = "light weighted by the eye";
+const ABSORBED: &str =
+    "absorbance, or fractions of light that are absorbed: its header does not say which";
+const LOSS: &str = "a loss of unknown scale";
+const REST: &str = "what is left of the whole, or inverse values";
+
+/// The names that are known, in small letters, without units and adjectives.
+const NAMES: &[(&[&str], Kind)] = &[
+    (
+        &["t", "trans", "transmittance", "transmission", "transmissivity", "throughput"],
+        Kind::Transmittance,
+    ),
+    (
+        &["r", "refl", "reflectance", "reflectance factor", "reflectivity", "reflection"],
+        Kind::Reflectance,
+    ),
+    (
+        &[
+            "qe",
+            "eqe",
+            "pde",
+            "efficiency",
+            "quantum efficiency",
+            "external quantum efficiency",
+            "photon detection efficiency",
+        ],
+        Kind::Efficiency,
+    ),
+    (&["responsivity"], Kind::Responsivity),
+    (
+        &[
+            "a",
+            "abs",
+            "absorbance",
+            "extinction",
+            "density",
+            "optical density",
+            "transmission density",
+            "transmittance density",
+            "od",
+            "o.d.",
+            "-log(t)",
+            "-log10(t)",
+            "log(1/t)",
+            "log10(1/t)",
+        ],
+        Kind::Absorbance(1.0),
+    ),
+    (&["log(t)", "log10(t)", "log10(transmittance)"], Kind::Absorbance(-1.0)),
+    (
+        &["optical depth", "optical thickness", "napierian absorbance", "-ln(t)", "ln(1/t)"],
+        Kind::Absorbance(NAPIERIAN),
+    ),
+    (
+        &[
+            "power",
+            "power distribution",
+            "spd",
+            "energy",
+            "emission",
+            "exitance",
+            "flux",
+            "intensity",
+            "irradiance",
+            "radiance",
+            "radiant exitance",
+            "radiant flux",
+            "radiant intensity",
+            "radiant power",
+            "spectrum",
+            "value",
+            "values",
+            "i",
+            "l",
+            "p",
+            "s",
+            "y",
+            // Names of the CIE's illuminants.
+            "c",
+            "d50",
+            "d55",
+            "d65",
+            "d75",
+            "e",
+        ],
+        Kind::Power,
+    ),
+    (
+        &[
+            "pfd",
+            "photons",
+            "photon count",
+            "photon counts",
+            "photon exitance",
+            "photon fluence",
+            "photon flux",
+            "photon flux density",
+            "photon intensity",
+            "photon irradiance",
+            "photon number",
+            "photon radiance",
+            "photon rate",
+            "quantum flux",
+            "quantum irradiance",
+        ],
+        Kind::Photons,
+    ),
+    (&["counts", "count", "cps", "adu", "dn"], Kind::Other(COUNTS)),
+    (&["illuminance", "luminance", "luminous flux", "luminous intensity"], Kind::Other(WEIGHTED)),
+    (&["absorption", "absorptance", "absorptivity", "absorbed"], Kind::Other(ABSORBED)),
+    (&["attenuation", "insertion loss", "loss"], Kind::Other(LOSS)),
+    (&["1-t", "1-r", "1-qe", "1/t", "1/r", "100-t", "100-r"], Kind::Other(REST)),
+];
+
+/// Names of the columns of a quantum efficiency beside single letters.
+const CHANNELS: &[&str] =
+    &["red", "green", "blue", "gr", "gb", "mono", "monochrome", "clear", "white", "nir", "ir"];
+
+/// Scales that are no units, in small letters.
+const ARBITRARY: &[&str] = &[
+    "a.u.",
+    "au",
+    "arb",
+    "arb.",
+    "arb. unit",
+    "arb. units",
+    "arb. u.",
+    "arbitrary units",
+    "normalised",
+    "normalized",
+    "rel",
+    "rel.",
+    "relative",
+    "relative units",
+];
+
+/// What a column's name stands for.
+struct Named {
+    kind: Kind,
+    /// Whether it says that the values are relative.
+    is_relative: bool,
+    /// Whether the whole header is a name, brackets too: `-log(T)`.
+    is_whole: bool,
+}
+
+/// What values are measured in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Scale {
+    Linear(Unit),
+    /// Minus the decimal logarithm, in so many.
+    Absorbance(f64),
+    Decibels,
+    DecibelMilliwatts,
+    /// Relative to an unknown unit.
+    Arbitrary,
+}
+
+impl Scale {
+    fn parse(text: &str) -> Result<Self> {
+        Ok(match &*text.to_lowercase() {
+            "od" | "o.d." | "abs" | "absorbance" => Self::Absorbance(1.0),
+            "mod" | "mabs" | "mau" => Self::Absorbance(1e-3),
+            "db" => Self::Decibels,
+            "dbm" | "dbm/nm" => Self::DecibelMilliwatts,
+            other if ARBITRARY.contains(&other) => Self::Arbitrary,
+            _ => Self::Linear(Unit::parse(text)?),
+        })
+    }
+}
 
 /// What the values of a column are.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Quantity {
+pub enum Quantity {
     /// Fractions, or power: what the table is read for.
     Plain,
-    /// Per cent.
-    Percent,
+    /// Fractions in a unit such as per cent.
+    Fraction(Unit),
     /// Photocurrent over power, in so many A/W.
     Responsivity(f64),
     /// Minus the decimal logarithm of a transmittance (absorbance, optical density), in so many.
@@ -34,284 +246,276 @@ enum Quantity {
     PerFrequency(f64),
     /// Relative to an unknown scale.
     Relative,
-    /// Something that is not read, and what to give instead.
-    Refused(&'static str, &'static str),
-    /// Two that contradict each other.
-    Both(&'static str, &'static str),
-}
-
-/// What a table is read for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wanted {
-    /// Electrons per photon.
-    Efficiency,
-    /// Electrons per photon up to a factor.
-    EfficiencyShape,
-    /// Reflectances and other fractions of light.
-    Fraction,
-    /// Transmittances.
-    Transmittance,
-    /// Spectral power.
-    Power,
 }
 
 impl Quantity {
-    /// The quantity that a column's header names, of a table that is read for what is wanted.
-    fn of(header: &str, wanted: Wanted) -> Self {
-        let header = Header::of(header);
-        let fraction = matches!(wanted, Wanted::Fraction | Wanted::Transmittance);
-        let refused = match wanted {
-            _ if header.is_times_light() => Some(Self::Refused(
-                "values times their wavelength or frequency",
-                "divide them by it, and name the column by what is left",
-            )),
-            Wanted::Power => no_power(&header),
-            _ if header.is_scaled() => {
-                Some(Self::Refused("values of another scale", wanted.help()))
-            }
-            _ if header.is_complement() => {
-                Some(Self::Refused("what is left of the whole, or inverse values", wanted.help()))
-            }
-            Wanted::Efficiency | Wanted::EfficiencyShape => no_efficiency(&header, wanted),
-            Wanted::Fraction | Wanted::Transmittance => no_fraction(&header, wanted),
+    /// The quantity of a column in a table that is read for what is wanted; `unit` stands for what
+    /// the header says, and a column that was `chosen` by its name need not have a known one.
+    /// `None` for a name that is not known.
+    ///
+    /// # Errors
+    /// A unit that is not understood, a quantity that is not read, a name and a unit that
+    /// contradict each other.
+    pub fn of(
+        column: &Column<'_>,
+        unit: Option<&str>,
+        is_chosen: bool,
+        wanted: Wanted,
+    ) -> Result<Option<Self>> {
+        let (kind, unit, is_relative) = match unit {
+            Some(unit) => (Kind::Label, Some(unit), false),
+            None => match named(column, wanted) {
+                Some(Named { kind, is_whole: true, .. }) => (kind, None, false),
+                Some(Named { kind, is_relative, .. }) => {
+                    (kind, column.unit.as_deref(), is_relative)
+                }
+                // `W/m2/nm`: the unit stands for a name.
+                None if Scale::parse(column.header).is_ok() => {
+                    (Kind::Label, Some(column.header), false)
+                }
+                None if is_chosen => (Kind::Label, column.unit.as_deref(), false),
+                None => return Ok(None),
+            },
         };
-        if let Some(refused) = refused {
-            return refused;
-        }
-        match header.logarithm() {
-            Some(Some(size)) if fraction && !header.is_percent() => return Self::Absorbance(size),
-            Some(_) => return LOGARITHM,
-            None => {}
-        }
-        let decibels = |of_milliwatt| match of_milliwatt {
-            true => Self::DecibelMilliwatts,
-            false => Self::Decibels,
+        let refused = |what: String| {
+            Error::input(format!("column {:?} holds {what}", column.header)).help(wanted.help())
         };
-        let power = wanted == Wanted::Power;
-        let photons = header.photons().filter(|_| power).map(Self::Photons);
-        let per_frequency = header.per_frequency().filter(|_| power).map(Self::PerFrequency);
-        // Per cent of a power is a power of another scale.
-        let percent = header.is_percent() && photons.or(per_frequency).is_none();
-        let found = [
-            header.amperes_per_watt().map(Self::Responsivity),
-            header.absorbance().map(Self::Absorbance),
-            header.decibels().map(decibels),
-            photons,
-            per_frequency,
-            percent.then_some(Self::Percent),
-        ];
-        let mut found = found.into_iter().flatten();
-        match (found.next(), found.next()) {
-            (Some(one), Some(other)) => Self::Both(one.name(), other.name()),
-            (Some(one), None) => one,
-            _ if wanted == Wanted::Transmittance && header.is_named_density() => {
-                Self::Absorbance(1.0)
-            }
-            _ if header.is_relative() => Self::Relative,
-            _ => Self::Plain,
+        let scale = unit.filter(|unit| !unit.is_empty()).map(Scale::parse).transpose();
+        let scale = scale.map_err(|e| {
+            Error::input(format!("column {:?}: {}", column.header, e.what())).help(wanted.help())
+        })?;
+        if let Kind::Other(what) = kind {
+            return Err(refused(what.into()));
         }
+        let found = match wanted {
+            Wanted::Efficiency | Wanted::EfficiencyShape => efficiency(kind, scale),
+            Wanted::Fraction | Wanted::Transmittance => fraction(kind, scale, wanted),
+            Wanted::Power => power(kind, scale),
+        };
+        let found = found.map_err(|what| match unit {
+            Some(unit) => refused(format!("{what} (unit {unit:?})")),
+            None => refused(what.into()),
+        })?;
+        Ok(Some(if found == Self::Plain && is_relative { Self::Relative } else { found }))
     }
 
-    /// A value at a wavelength, nm, as what is wanted; `None` where it cannot be that.
-    fn convert(self, wanted: Wanted, value: f64, nm: f64) -> Option<f64> {
-        let efficiency = matches!(wanted, Wanted::Efficiency | Wanted::EfficiencyShape);
-        let fraction = matches!(wanted, Wanted::Fraction | Wanted::Transmittance);
-        match (self, wanted) {
-            (Self::Plain | Self::Relative, _) => Some(value),
-            (Self::Percent, Wanted::Power) => Some(value),
-            (Self::Percent, _) => Some(value / 100.0),
-            (Self::Responsivity(amperes), _) if efficiency => {
-                Some(value * amperes * AMPERES_PER_WATT_NM / nm)
-            }
-            (Self::Absorbance(size), _) if fraction => Some(libm::exp10(-size * value)),
-            (Self::Decibels, _) if fraction => Some(libm::exp10(0.1 * value)),
-            (Self::DecibelMilliwatts, Wanted::Power) => Some(1e-3 * libm::exp10(0.1 * value)),
-            (Self::Photons(each), Wanted::Power) => Some(value * each * PHOTON_J_NM / nm),
-            (Self::PerFrequency(times), Wanted::Power) => Some(value * times / (nm * nm)),
-            _ => None,
-        }
-    }
-
-    /// Whether the user is told what is made of it.
-    fn is_told(self, wanted: Wanted) -> bool {
-        !matches!(
-            (self, wanted),
-            (Self::Plain, _)
-                | (Self::Percent | Self::Relative, Wanted::Power)
-                | (Self::Relative, Wanted::EfficiencyShape)
-        )
-    }
-
-    /// Why a column of that name is not read.
-    fn refusal(self, name: &str, wanted: Wanted) -> Error {
+    /// A value at a wavelength, nm, as what is wanted.
+    pub fn convert(self, value: f64, nm: f64) -> f64 {
         match self {
-            Self::Both(one, other) => Error::input(format!(
-                "column {name:?} holds both {one} and {other}, by its header"
-            ))
-            .help("let its header name one of them"),
-            Self::Refused(what, help) => {
-                Error::input(format!("column {name:?} holds {what}")).help(help)
-            }
-            _ => {
-                Error::input(format!("column {name:?} holds {}", self.name())).help(wanted.help())
-            }
+            Self::Plain | Self::Relative => value,
+            Self::Fraction(unit) => unit.of(value),
+            Self::Responsivity(amperes) => value * amperes * AMPERES_PER_WATT_NM / nm,
+            Self::Absorbance(size) => libm::exp10(-size * value),
+            Self::Decibels => libm::exp10(0.1 * value),
+            Self::DecibelMilliwatts => 1e-3 * libm::exp10(0.1 * value),
+            Self::Photons(each) => value * each * PHOTON_J_NM / nm,
+            Self::PerFrequency(times) => value * times / (nm * nm),
         }
     }
 
-    /// The quantity in words.
-    fn name(self) -> &'static str {
-        match self {
-            Self::Plain => "plain values",
-            Self::Percent => "per cent",
-            Self::Responsivity(_) => "responsivity in A/W",
-            Self::Absorbance(1.0) => "absorbance or optical density",
-            Self::Absorbance(1e-3) => "absorbance in thousandths (mAU)",
-            Self::Absorbance(size) if size < 0.0 => "logarithms of a transmittance",
-            Self::Absorbance(_) => "absorbance on the scale of natural logarithms",
-            Self::Decibels => "decibels",
-            Self::DecibelMilliwatts => "dBm",
-            Self::Photons(_) => "numbers of photons",
-            Self::PerFrequency(_) => PER_FREQUENCY,
-            Self::Relative => "relative values",
-            Self::Refused(what, _) | Self::Both(what, _) => what,
-        }
+    /// What the user is told that the values are taken as, if it is not what was wanted.
+    pub fn told(self, wanted: Wanted) -> Option<String> {
+        let name = match self {
+            Self::Plain => return None,
+            Self::Relative if matches!(wanted, Wanted::Power | Wanted::EfficiencyShape) => {
+                return None;
+            }
+            Self::Relative => {
+                return Some("are relative, as its header says, and taken as they stand".into());
+            }
+            Self::Fraction(unit) if unit.factor() == 0.01 => "per cent".to_string(),
+            Self::Fraction(unit) => format!("multiples of {}", unit.factor()),
+            Self::Responsivity(_) => "responsivity in A/W".into(),
+            Self::Absorbance(1.0) => "absorbance or optical density".into(),
+            Self::Absorbance(1e-3) => "absorbance in thousandths (mAU)".into(),
+            Self::Absorbance(size) if size < 0.0 => "logarithms of a transmittance".into(),
+            Self::Absorbance(_) => "absorbance on the scale of natural logarithms".into(),
+            Self::Decibels => "decibels".into(),
+            Self::DecibelMilliwatts => "dBm".into(),
+            Self::Photons(_) => "numbers of photons".into(),
+            Self::PerFrequency(_) => "power per frequency or wavenumber".into(),
+        };
+        Some(format!("are taken as {name}, as its header says"))
     }
 }
 
-/// What a header names that is not read as a power.
-fn no_power(header: &Header) -> Option<Quantity> {
-    let (photons, per_frequency) = (header.photons().is_some(), header.per_frequency().is_some());
-    if header.is_luminous() {
-        Some(Quantity::Refused(
-            "light weighted by the eye (lm, lx)",
-            "give spectral power, per nm, or numbers of photons",
-        ))
-    } else if photons && header.is_watts() {
-        Some(Quantity::Both(Quantity::Photons(1.0).name(), "power in W"))
-    } else if per_frequency && header.is_per_nm() {
-        Some(Quantity::Both(PER_FREQUENCY, "power per nm"))
-    } else if per_frequency && (photons || header.decibels().is_some()) {
-        Some(Quantity::Refused(
-            "photons or decibels per frequency or wavenumber",
-            "give them per nm",
-        ))
-    } else if header.is_spectral_by_frequency() && !per_frequency {
-        Some(Quantity::Refused(PER_FREQUENCY, "give it per nm, or name the unit of the values"))
-    } else if header.is_counts() {
-        Some(Quantity::Refused(
-            "counts of a spectrometer, each wavelength with a scale of its own",
-            "correct them by the spectrometer's calibration; name the column power if they are \
-             corrected",
-        ))
-    } else {
-        None
+/// What a column's name stands for.
+fn named(column: &Column<'_>, wanted: Wanted) -> Option<Named> {
+    let is_letter = column.name().chars().count() == 1;
+    let of_channel = matches!(wanted, Wanted::Efficiency | Wanted::EfficiencyShape)
+        && (is_letter || CHANNELS.contains(&&*column.name().to_lowercase()));
+    let label = Named { kind: Kind::Label, is_relative: false, is_whole: false };
+    if column.header.is_empty() || of_channel || is_letter && wanted == Wanted::Fraction {
+        return Some(label);
     }
-}
-
-/// What a header names that electrons per photon are not made of.
-fn no_efficiency(header: &Header, wanted: Wanted) -> Option<Quantity> {
-    if header.is_per_exposure() {
-        Some(Quantity::Refused(
-            "a responsivity that takes the pixel's area and gain to be electrons per photon",
-            Wanted::Efficiency.help(),
-        ))
-    } else if wanted == Wanted::Efficiency
-        && header.is_bare_responsivity()
-        && header.amperes_per_watt().is_none()
-    {
-        Some(Quantity::Refused("a responsivity of unknown unit", wanted.help()))
-    } else {
-        None
+    // The CIE's illuminant, not absorbance.
+    if column.name() == "A" && wanted == Wanted::Power {
+        return Some(Named { kind: Kind::Power, ..label });
     }
-}
-
-/// What a header names that fractions of light are not made of, above all transmittances.
-fn no_fraction(header: &Header, wanted: Wanted) -> Option<Quantity> {
-    let of_filter = wanted == Wanted::Transmittance;
-    let what = if header.is_coefficient() {
-        "absorption per length or concentration"
-    } else if header.is_absorbed() {
-        "fractions of light that are absorbed"
-    } else if of_filter && header.is_reflectance() {
-        "reflectances, not transmittances"
-    } else if of_filter && header.is_loss() && header.decibels().is_none() {
-        "a loss of unknown scale"
-    } else if of_filter && header.is_rating_alone() {
-        return Some(Quantity::Refused(
-            "transmittances or optical densities: its header does not say which",
-            "name it transmittance or optical density",
-        ));
-    } else {
-        return None;
+    let known = |name: &str| {
+        let (_, kind) = NAMES.iter().find(|(names, _)| names.contains(&name))?;
+        Some(*kind)
     };
-    Some(Quantity::Refused(what, wanted.help()))
+    if let Some(kind) = known(&column.whole()) {
+        return Some(Named { kind, is_whole: true, ..label });
+    }
+    let mut spellings = column.spellings();
+    let found = spellings.find_map(|(name, is_relative)| {
+        Some(Named { kind: known(&name)?, is_relative, is_whole: false })
+    });
+    // A material's name.
+    found.or_else(|| (wanted == Wanted::Fraction).then_some(label))
+}
+
+fn efficiency(kind: Kind, scale: Option<Scale>) -> Result<Quantity, &'static str> {
+    use Base::{Count, Current, Electron, Energy, Length, Luminous, Photon, Time, Voltage};
+    let Some(scale) = scale else {
+        return match kind {
+            Kind::Efficiency | Kind::Label => Ok(Quantity::Plain),
+            Kind::Responsivity => Err("a responsivity of unknown unit"),
+            _ => Err("no quantum efficiency"),
+        };
+    };
+    let plain = matches!(kind, Kind::Efficiency | Kind::Label);
+    match scale {
+        Scale::Linear(unit)
+            if unit.is_dimensionless() || unit.is(&[(Electron, 1), (Photon, -1)]) =>
+        {
+            plain.then(|| Quantity::in_fractions(unit)).ok_or("no quantum efficiency by its name")
+        }
+        Scale::Linear(unit) if unit.is(&[(Current, 1), (Energy, -1), (Time, 1)]) => match kind {
+            Kind::Responsivity | Kind::Label => Ok(Quantity::Responsivity(unit.factor())),
+            _ => Err("no responsivity by its name"),
+        },
+        Scale::Linear(unit)
+            if [Voltage, Count, Current].iter().any(|base| unit.power(*base) > 0)
+                && [Energy, Length, Luminous].iter().any(|base| unit.power(*base) != 0) =>
+        {
+            Err("a responsivity that takes the pixel's area and gain to be electrons per photon")
+        }
+        Scale::Arbitrary if plain => Ok(Quantity::Relative),
+        _ => Err("no quantum efficiency by its unit"),
+    }
+}
+
+fn fraction(kind: Kind, scale: Option<Scale>, wanted: Wanted) -> Result<Quantity, &'static str> {
+    let is_filter = wanted == Wanted::Transmittance;
+    match (kind, scale) {
+        (Kind::Absorbance(size), None | Some(Scale::Arbitrary)) => Ok(Quantity::Absorbance(size)),
+        (Kind::Absorbance(size), Some(Scale::Absorbance(times))) => {
+            Ok(Quantity::Absorbance(size * times))
+        }
+        (Kind::Absorbance(size), Some(Scale::Linear(unit)))
+            if unit.is_dimensionless() && unit.factor() == 1.0 =>
+        {
+            Ok(Quantity::Absorbance(size))
+        }
+        (Kind::Absorbance(_), _) => Err("absorbance by its name, and something else by its unit"),
+        (Kind::Reflectance, _) if is_filter => Err("reflectances, not transmittances"),
+        (Kind::Power | Kind::Photons | Kind::Responsivity, _) => Err("no fractions of light"),
+        (Kind::Efficiency, _) if is_filter => Err("efficiencies, not transmittances"),
+        (_, None) => Ok(Quantity::Plain),
+        (_, Some(Scale::Linear(unit))) if unit.is_dimensionless() => {
+            Ok(Quantity::in_fractions(unit))
+        }
+        (_, Some(Scale::Absorbance(size))) => Ok(Quantity::Absorbance(size)),
+        (_, Some(Scale::Decibels)) => Ok(Quantity::Decibels),
+        (_, Some(Scale::Arbitrary)) => Ok(Quantity::Relative),
+        _ => Err("no fractions of light by its unit"),
+    }
+}
+
+fn power(kind: Kind, scale: Option<Scale>) -> Result<Quantity, &'static str> {
+    use Base::{
+        Amount, Count, Energy, Frequency, Length, Luminous, Photon, PhotonEnergy, SolidAngle,
+        Time, Wavelength, Wavenumber,
+    };
+    if !matches!(kind, Kind::Power | Kind::Photons | Kind::Label) {
+        return Err("no spectral power");
+    }
+    let of_name = if kind == Kind::Photons { Quantity::Photons(1.0) } else { Quantity::Plain };
+    let unit = match scale {
+        None => return Ok(of_name),
+        Some(Scale::Linear(unit)) if unit.is_dimensionless() => return Ok(of_name),
+        Some(Scale::Linear(unit)) => unit,
+        Some(Scale::DecibelMilliwatts) if kind != Kind::Photons => {
+            return Ok(Quantity::DecibelMilliwatts);
+        }
+        Some(Scale::Arbitrary) if kind == Kind::Photons => return Ok(of_name),
+        Some(Scale::Arbitrary) => return Ok(Quantity::Relative),
+        _ => return Err("no spectral power by its unit"),
+    };
+    let power = |base| unit.power(base);
+    if power(Luminous) > 0 {
+        return Err(WEIGHTED);
+    }
+    if power(Count) > 0 {
+        return Err(COUNTS);
+    }
+    // How much light, of what area and time: a factor that is that of all wavelengths.
+    let is_even = matches!(power(Length), 0 | -2)
+        && matches!(power(SolidAngle), 0 | -1)
+        && matches!(power(Time), 0 | -1)
+        && matches!(power(Luminous), 0 | -1);
+    let per = [Wavelength, Wavenumber, Frequency, PhotonEnergy].map(power);
+    let photons = match (power(Photon), power(Amount)) {
+        (0, 0) => None,
+        (1, 0) => Some(1.0),
+        (0 | 1, 1) => Some(MOLE_PHOTONS),
+        _ => return Err("no spectral power by its unit"),
+    };
+    let energy = power(Energy) == 1 && photons.is_none();
+    let of_photons = photons.filter(|_| power(Energy) == 0);
+    match (energy, of_photons, per) {
+        _ if !is_even => Err("no spectral power by its unit"),
+        (true, _, [0 | -1, 0, 0, 0]) if kind != Kind::Photons => Ok(Quantity::Plain),
+        (true, _, _) if kind == Kind::Photons => {
+            Err("numbers of photons by its name, power by its unit")
+        }
+        (true, _, [0, -1, 0, 0]) => Ok(Quantity::PerFrequency(CM_NM * unit.factor())),
+        (true, _, [0, 0, -1, 0]) => Ok(Quantity::PerFrequency(LIGHT_NM_PER_S * unit.factor())),
+        (true, _, [0, 0, 0, -1]) => Ok(Quantity::PerFrequency(PHOTON_EV_NM * unit.factor())),
+        (_, Some(each), [0 | -1, 0, 0, 0]) => Ok(Quantity::Photons(unit.factor() * each)),
+        (_, Some(_), _) => Err("numbers of photons per frequency or wavenumber"),
+        _ => Err("no spectral power by its unit"),
+    }
+}
+
+impl Quantity {
+    fn in_fractions(unit: Unit) -> Self {
+        if unit.factor() == 1.0 { Self::Plain } else { Self::Fraction(unit) }
+    }
 }
 
 impl Wanted {
-    fn help(self) -> &'static str {
+    /// What to do where a table is not understood.
+    pub fn help(self) -> &'static str {
         match self {
             Self::Efficiency | Self::EfficiencyShape => {
-                "give electrons per photon as a fraction or per cent, or A/W"
+                "give electrons per photon, in a column named QE or by its channel; or a line such \
+                 as \"# unit: %\" or \"# unit: A/W\" that says what the values are in"
             }
             Self::Fraction => {
-                "give fractions or per cent; absorbance and negative decibels are read too"
+                "give fractions or per cent; or a line such as \"# unit: %\", \"# unit: OD\" or \
+                 \"# unit: dB\" that says what the values are in"
             }
             Self::Transmittance => {
-                "give transmittances as fractions or per cent; absorbance and negative decibels \
-                 are read too"
+                "name the column transmittance or optical density; or give a line such as \
+                 \"# unit: 1\", \"# unit: %\", \"# unit: OD\" or \"# unit: dB\" that says which \
+                 transmittance it holds"
             }
-            Self::Power => "give spectral power, numbers of photons, or dBm",
-        }
-    }
-}
-
-impl SpectralTable {
-    /// What the values of the columns are.
-    fn quantities(&self, wanted: Wanted) -> Vec<Quantity> {
-        if self.is_converted {
-            return vec![Quantity::Plain; self.headers.len()];
-        }
-        self.headers.iter().map(|header| Quantity::of(header, wanted)).collect()
-    }
-
-    /// Whether no column's header says that its values are other than what is wanted.
-    pub fn is_plain(&self, wanted: Wanted) -> bool {
-        self.quantities(wanted).iter().all(|quantity| *quantity == Quantity::Plain)
-    }
-
-    /// Converts the columns to what is wanted, and remarks on it.
-    ///
-    /// # Errors
-    /// A column of another quantity, or of two.
-    pub fn convert(&mut self, wanted: Wanted) -> Result<()> {
-        let quantities = self.quantities(wanted);
-        for ((name, values), quantity) in self.curves.iter_mut().zip(&quantities) {
-            for (value, nm) in values.iter_mut().zip(&self.wavelength_nm) {
-                *value = quantity
-                    .convert(wanted, *value, *nm)
-                    .ok_or_else(|| quantity.refusal(name, wanted))?;
+            Self::Power => {
+                "name the column power or photon flux; or give a line such as \"# unit: W/m2/nm\", \
+                 \"# unit: photons/s/nm\" or \"# unit: 1\" that says what the values are in"
             }
         }
-        let alike = quantities.windows(2).all(|pair| pair[0] == pair[1]);
-        let told = quantities.iter().enumerate().filter(|(_, quantity)| quantity.is_told(wanted));
-        for (column, quantity) in told.take(if alike { 1 } else { usize::MAX }) {
-            let name = &self.curves[column].0;
-            let values = if alike { "its values".into() } else { format!("those of {name:?}") };
-            self.remark(match quantity {
-                Quantity::Relative => {
-                    format!("{values} are relative, as its header says, and taken as they stand")
-                }
-                _ => format!("{values} are taken as {}, as its header says", quantity.name()),
-            });
-        }
-        self.is_converted = true;
-        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::table::SpectralTable;
 
     fn converted(header: &str, value: f64, wanted: Wanted) -> Result<f64> {
         let mut table = SpectralTable::parse(&format!("wavelength_nm,{header}\n500,{value}\n"))?;
@@ -319,213 +523,230 @@ mod tests {
         Ok(table.curves[0].1[0])
     }
 
-    fn check(cases: &[(&str, f64, Wanted, f64)]) {
-        for &(header, value, wanted, right) in cases {
+    fn check(wanted: Wanted, cases: &[(&str, f64, f64)]) {
+        for &(header, value, right) in cases {
             let found =
                 converted(header, value, wanted).unwrap_or_else(|e| panic!("{header}: {e}"));
             assert!((found / right - 1.0).abs() < 1e-5, "{header}: {found}, not {right}");
         }
     }
 
+    fn refused(wanted: Wanted, headers: &[&str], says: &str) {
+        for header in headers {
+            let error = converted(header, 0.5, wanted).expect_err(header).to_string();
+            let shown = format!("{header:?}");
+            assert!(error.contains(&shown) && error.contains(says), "{header}: {error}");
+            assert!(error.contains("# unit: "), "{header}: {error}");
+        }
+    }
+
     #[test]
     fn efficiencies_are_what_their_header_says() {
-        let wanted = Wanted::Efficiency;
-        check(&[
-            ("QE", 0.5, wanted, 0.5),
-            ("QE (%)", 50.0, wanted, 0.5),
-            ("QE%", 50.0, wanted, 0.5),
-            ("QE (+/- 5%)", 0.5, wanted, 0.5),
-            ("Abs. QE (per cent)", 50.0, wanted, 0.5),
-            ("QE (e-/photon)", 0.5, wanted, 0.5),
-            ("QE (electrons per photon, 100 lux)", 0.5, wanted, 0.5),
-            ("Photon detection efficiency", 0.3, wanted, 0.3),
-            ("A", 0.3, wanted, 0.3),
-            // 0.2 A/W at 500 nm: 0.2·1239.84/500.
-            ("Responsivity (A/W)", 0.2, wanted, 0.495_937),
-            ("Responsivity [mA/W]", 200.0, Wanted::EfficiencyShape, 0.495_937),
-            ("R (A W-1)", 0.2, wanted, 0.495_937),
-            ("R (A·W^-1)", 0.2, wanted, 0.495_937),
-            ("R (A.W⁻¹)", 0.2, wanted, 0.495_937),
-            ("R / A W^{-1}", 0.2, wanted, 0.495_937),
-            ("R (mAW-1)", 200.0, wanted, 0.495_937),
-            ("R (µA/mW)", 200.0, wanted, 0.495_937),
-        ]);
+        check(
+            Wanted::Efficiency,
+            &[
+                ("QE", 0.5, 0.5),
+                ("mono", 0.5, 0.5),
+                ("QE (%)", 50.0, 0.5),
+                ("QE%", 50.0, 0.5),
+                ("Abs. QE (per cent)", 50.0, 0.5),
+                ("QE (e-/photon)", 0.5, 0.5),
+                ("QE (electrons per photon)", 0.5, 0.5),
+                ("QE (‰)", 500.0, 0.5),
+                ("Photon detection efficiency", 0.3, 0.3),
+                ("m", 0.3, 0.3),
+                // 0.2 A/W at 500 nm: 0.2·1239.84/500.
+                ("Responsivity (A/W)", 0.2, 0.495_937),
+                ("Responsivity [mA/W]", 200.0, 0.495_937),
+                ("R (A W-1)", 0.2, 0.495_937),
+                ("R (A·W^-1)", 0.2, 0.495_937),
+                ("R (A.W⁻¹)", 0.2, 0.495_937),
+                ("R / A W^{-1}", 0.2, 0.495_937),
+                ("R (mAW-1)", 200.0, 0.495_937),
+                ("R (µA/mW)", 200.0, 0.495_937),
+            ],
+        );
+        refused(
+            Wanted::Efficiency,
+            &["Absorbance", "Responsivity", "Responsivity (%)", "QE (A/W)", "R (V/(uJ/cm2))"],
+            "holds",
+        );
+        refused(Wanted::Efficiency, &["DN/(nJ/cm2)", "V/lx/s", "R (A/(W/cm2))"], "area and gain");
+        refused(Wanted::Efficiency, &["QE (+/- 5%)", "QE (electrons, 100 lux)"], "not understood");
+        refused(Wanted::Efficiency, &["QE*1000", "QE x 100", "Sensitivity"], "no quantity");
     }
 
     #[test]
     fn fractions_are_what_their_header_says() {
-        let (wanted, filter) = (Wanted::Fraction, Wanted::Transmittance);
-        check(&[
-            ("Absorbance", 0.602_06, wanted, 0.25),
-            ("OD", 2.0, wanted, 0.01),
-            ("Abs", 1.0, wanted, 0.1),
-            ("Transmission (dB)", -6.0206, wanted, 0.25),
-            ("%T", 25.0, wanted, 0.25),
-            // Names of materials.
-            ("A", 0.3, wanted, 0.3),
-            ("R (%)", 30.0, wanted, 0.3),
-            ("Reflectance (%)", 30.0, wanted, 0.3),
-            ("density", 0.3, wanted, 0.3),
-            ("O.D.", 2.0, filter, 0.01),
-            ("Optical density (10 mm)", 2.0, filter, 0.01),
-            ("Optical transmission (%)", 25.0, filter, 0.25),
-            ("Density", 2.0, filter, 0.01),
-            ("A", 2.0, filter, 0.01),
-            ("A (a.u.)", 2.0, filter, 0.01),
-            ("Absorbance [mAU]", 602.06, filter, 0.25),
-            ("mOD", 602.06, filter, 0.25),
-            ("-log(T)", 0.602_06, filter, 0.25),
-            ("−log₁₀(T)", 0.602_06, filter, 0.25),
-            ("log10(1/T)", 0.602_06, filter, 0.25),
-            ("log10(transmittance)", -0.602_06, filter, 0.25),
-            ("-ln(T)", 1.386_294, filter, 0.25),
-            ("Absorbance, -log10(T)", 0.602_06, filter, 0.25),
-            // What a filter is sold as says nothing of its values.
-            ("OD6 bandpass (%)", 25.0, filter, 0.25),
-            ("Transmittance, OD > 4", 0.25, filter, 0.25),
-            ("Transmittance (with reflection losses)", 0.25, filter, 0.25),
-        ]);
+        check(
+            Wanted::Fraction,
+            &[
+                ("Absorbance", 0.602_06, 0.25),
+                ("OD", 2.0, 0.01),
+                ("Transmission (dB)", -6.0206, 0.25),
+                ("%T", 25.0, 0.25),
+                // Names of materials.
+                ("A", 0.3, 0.3),
+                ("R (%)", 30.0, 0.3),
+                ("Reflectance (%)", 30.0, 0.3),
+                ("patch 100", 0.25, 0.25),
+                ("1-A", 0.25, 0.25),
+                ("dark skin", 0.25, 0.25),
+            ],
+        );
+        refused(Wanted::Fraction, &["Responsivity (A/W)", "Power (dBm)", "1-R"], "holds");
+    }
+
+    #[test]
+    fn transmittances_are_what_their_header_says() {
+        check(
+            Wanted::Transmittance,
+            &[
+                ("Transmittance", 0.25, 0.25),
+                ("T (‰)", 250.0, 0.25),
+                ("O.D.", 2.0, 0.01),
+                ("Optical density", 2.0, 0.01),
+                ("Optical transmission (%)", 25.0, 0.25),
+                ("Density", 2.0, 0.01),
+                ("A", 2.0, 0.01),
+                ("A (a.u.)", 2.0, 0.01),
+                ("Absorbance [mAU]", 602.06, 0.25),
+                ("mOD", 602.06, 0.25),
+                ("-log(T)", 0.602_06, 0.25),
+                ("−log₁₀(T)", 0.602_06, 0.25),
+                ("log10(1/T)", 0.602_06, 0.25),
+                ("log10(transmittance)", -0.602_06, 0.25),
+                ("-ln(T)", 1.386_294, 0.25),
+            ],
+        );
+        refused(
+            Wanted::Transmittance,
+            &["T*1000", "T × 100", "100-%T", "OD6 bandpass", "Neutral density", "foo"],
+            "no quantity that is known",
+        );
+        refused(
+            Wanted::Transmittance,
+            &["Absorption (%)", "Absorptance", "%R", "Reflectivity", "Attenuation", "1-T", "1/T"],
+            "holds",
+        );
+        refused(Wanted::Transmittance, &["Optical density (dB)", "Absorbance (%)"], "by its name");
+        refused(
+            Wanted::Transmittance,
+            &[
+                "T (% or dB)",
+                "T (with reflection losses)",
+                "T (x10^-2)",
+                "Optical density (10 kg)",
+            ],
+            "not understood",
+        );
+        refused(Wanted::Transmittance, &["T (10 mm)"], "by its unit");
     }
 
     #[test]
     fn powers_are_what_their_header_says() {
-        let wanted = Wanted::Power;
-        check(&[
-            ("Relative power", 0.7, wanted, 0.7),
-            ("A", 0.7, wanted, 0.7),
-            ("Abs. irradiance (µW/cm²/nm)", 0.7, wanted, 0.7),
-            ("Irradiance (W/m2/nm/lx)", 0.7, wanted, 0.7),
-            ("LED 100 Hz, 800 lm", 0.7, wanted, 0.7),
-            ("Power (dBm)", 3.0103, wanted, 2e-3),
-            ("Optical power (dBm/nm)", 3.0103, wanted, 2e-3),
-            // A µmol of photons of 500 nm: 0.119627 J·m/mol / 500 nm.
-            ("Photon flux [umol/m2/s/nm]", 1.0, wanted, 0.239_253),
-            ("PFD (μmol·m⁻²·s⁻¹·nm⁻¹)", 1.0, wanted, 0.239_253),
-            ("PFD (umolm-2s-1nm-1)", 1.0, wanted, 0.239_253),
-            ("PFD / mmol m-2 s-1 nm-1", 1e-3, wanted, 0.239_253),
-            ("PFD (mol m-2 s-1 nm-1)", 1e-6, wanted, 0.239_253),
-            ("Quantum irradiance (uE/m2/s/nm)", 1.0, wanted, 0.239_253),
-            // A photon of 500 nm: 6.62607e-34·2.99792e8/500e-9 J.
-            ("Spectral flux (photons/s/cm2/nm)", 1e19, wanted, 3.972_892),
-            ("photons/cm²/s/nm", 1e19, wanted, 3.972_892),
-            ("Flux (ph/s/nm)", 1e19, wanted, 3.972_892),
-            ("Photon counts", 1e19, wanted, 3.972_892),
-            ("photon number", 1e19, wanted, 3.972_892),
-            ("F_nu (W/m2/Hz)", 1e-12, wanted, 1.199_170),
-            ("I(λ)", 0.7, wanted, 0.7),
-            ("Irradiance (W·m⁻²·nm⁻¹)", 0.7, wanted, 0.7),
-            ("Photon radiance", 1e19, wanted, 3.972_892),
-            // c/λ²: 2.99792e8/(500e-9)² Hz/m; 1e7/500²; 1239.84/500².
-            ("W/m2/Hz", 1e-12, wanted, 1.199_170),
-            ("Spectral power (mW/THz)", 1.0, wanted, 1.199_170),
-            ("Radiance (W/m2/sr/cm-1)", 1.0, wanted, 40.0),
-            ("W m⁻² sr⁻¹ (cm⁻¹)⁻¹", 1.0, wanted, 40.0),
-            ("W/m2/eV", 100.0, wanted, 0.495_937),
-        ]);
+        check(
+            Wanted::Power,
+            &[
+                ("Relative power", 0.7, 0.7),
+                ("A", 0.7, 0.7),
+                ("D65", 0.7, 0.7),
+                ("Abs. irradiance (µW/cm²/nm)", 0.7, 0.7),
+                ("Irradiance (W/m2/nm/lx)", 0.7, 0.7),
+                ("Power (dBm)", 3.0103, 2e-3),
+                ("Optical power (dBm/nm)", 3.0103, 2e-3),
+                // A µmol of photons of 500 nm: 0.119627 J·m/mol / 500 nm.
+                ("Photon flux [umol/m2/s/nm]", 1.0, 0.239_253),
+                ("PFD (μmol·m⁻²·s⁻¹·nm⁻¹)", 1.0, 0.239_253),
+                ("PFD (umolm-2s-1nm-1)", 1.0, 0.239_253),
+                ("PFD / mmol m-2 s-1 nm-1", 1e-3, 0.239_253),
+                ("PFD (mol m-2 s-1 nm-1)", 1e-6, 0.239_253),
+                ("PFD (µmol photons m-2 s-1)", 1.0, 0.239_253),
+                ("Quantum irradiance (uE/m2/s/nm)", 1.0, 0.239_253),
+                // A photon of 500 nm: 6.62607e-34·2.99792e8/500e-9 J.
+                ("Spectral flux (photons/s/cm2/nm)", 1e15, 3.972_892),
+                ("photons/cm²/s/nm", 1e15, 3.972_892),
+                ("Flux (ph/s/nm)", 1e19, 3.972_892),
+                ("Photon counts", 1e19, 3.972_892),
+                ("photon number", 1e19, 3.972_892),
+                ("Photon radiance", 1e19, 3.972_892),
+                ("I(λ)", 0.7, 0.7),
+                ("Irradiance (W·m⁻²·nm⁻¹)", 0.7, 0.7),
+                // c/λ²: 2.99792e8/(500e-9)² Hz/m; 1e7/500²; 1239.84/500².
+                ("W/m2/Hz", 1e-12, 1.199_170),
+                ("Spectral power (mW/THz)", 1e3, 1.199_170),
+                ("Radiance (W/m2/sr/cm-1)", 1.0, 40.0),
+                ("W m⁻² sr⁻¹ (cm⁻¹)⁻¹", 1.0, 40.0),
+                ("W/m2/eV", 100.0, 0.495_937),
+            ],
+        );
+        refused(
+            Wanted::Power,
+            &["lm/nm", "Luminous flux", "Illuminance (lx)"],
+            "weighted by the eye",
+        );
+        refused(
+            Wanted::Power,
+            &["Counts", "Intensity (counts)", "DN"],
+            "counts of a spectrometer",
+        );
+        refused(Wanted::Power, &["photons/s/Hz"], "per frequency");
+        refused(Wanted::Power, &["Photon flux (W/nm)"], "by its name, power by its unit");
+        refused(Wanted::Power, &["Transmission (dB)", "Power (OD)", "Power (W/m)"], "holds no");
+        refused(Wanted::Power, &["Power (furlongs)", "Power (W/nm, per Hz)"], "not understood");
+        refused(
+            Wanted::Power,
+            &[
+                "λI(λ)",
+                "I(λ)·λ",
+                "lambda*I(lambda)",
+                "log10(W/m2/nm)",
+                "F_nu",
+                "Lamp 3",
+                "dBm/THz",
+            ],
+            "no quantity",
+        );
     }
 
-    fn refused(header: &str, wanted: Wanted, says: &str) {
-        let error = converted(header, 0.5, wanted).expect_err(header).to_string();
-        assert!(error.contains("holds") && error.contains(says), "{header}: {error}");
-    }
-
+    /// What the header does not say, the table may.
     #[test]
-    fn values_of_another_kind_are_refused() {
-        for (header, wanted, says) in [
-            ("Responsivity (A/W)", Wanted::Fraction, "give fractions"),
-            ("Absorbance", Wanted::Efficiency, "give electrons per photon"),
-            ("Transmission (dB)", Wanted::Power, "give spectral power"),
-            ("Power (dBm)", Wanted::Fraction, "give fractions"),
-            ("R (V/(uJ/cm2))", Wanted::Efficiency, "area and gain"),
-            ("DN/(nJ/cm2)", Wanted::EfficiencyShape, "area and gain"),
-            ("V/lx/s", Wanted::Efficiency, "area and gain"),
-            ("R (A/(W/cm2))", Wanted::Efficiency, "area and gain"),
-            ("Responsivity", Wanted::Efficiency, "unknown unit"),
-            ("log10(W/m2/nm)", Wanted::Power, "logarithms"),
-            ("lm/nm", Wanted::Power, "weighted by the eye"),
-            ("dBm/THz", Wanted::Power, "give them per nm"),
-            ("photons/s/Hz", Wanted::Power, "give them per nm"),
-            ("F_nu", Wanted::Power, "per frequency"),
-            ("Counts", Wanted::Power, "counts of a spectrometer"),
-            ("Intensity (counts)", Wanted::Power, "counts of a spectrometer"),
-            ("Luminous flux", Wanted::Power, "weighted by the eye"),
-            ("lambda*I(lambda)", Wanted::Power, "times their wavelength"),
-            ("I(λ)·λ", Wanted::Power, "times their wavelength"),
-            ("λI(λ)", Wanted::Power, "times their wavelength"),
+    fn the_unit_of_a_table_stands_for_its_header() {
+        for (unit, wanted, value, right) in [
+            ("%", Wanted::Transmittance, 25.0, 0.25),
+            ("\"OD\"", Wanted::Transmittance, 2.0, 0.01),
+            ("A/W", Wanted::Efficiency, 0.2, 0.495_937),
+            ("photons/s/nm", Wanted::Power, 1e19, 3.972_892),
+            ("1", Wanted::Power, 0.7, 0.7),
         ] {
-            refused(header, wanted, says);
+            for key in ["unit:", "unit ="] {
+                let text = format!("# {key} {unit}\nwavelength_nm,Loss of lamp 3\n500,{value}\n");
+                let mut table = SpectralTable::parse(&text).unwrap();
+                table.convert(wanted).unwrap_or_else(|e| panic!("{unit}: {e}"));
+                assert!((table.curves[0].1[0] / right - 1.0).abs() < 1e-5, "{unit}: {table:?}");
+            }
         }
+        let text = "# unit: furlongs\nnm,T\n500,1\n";
+        let error =
+            SpectralTable::parse(text).unwrap().convert(Wanted::Transmittance).unwrap_err();
+        assert!(error.to_string().contains("\"furlongs\" is not understood"), "{error}");
+        let twice = SpectralTable::parse("# unit: 1\n# unit: %\nnm,T\n500,1\n").unwrap_err();
+        assert!(twice.to_string().contains("line 2"), "{twice}");
     }
 
     #[test]
-    fn values_of_another_scale_are_refused() {
-        for header in [
-            "T (‰)",
-            "T (ppm)",
-            "T (per mille)",
-            "T*1000",
-            "T × 100",
-            "T x 100",
-            "T (x10^-2)",
-            "T (×10⁻²)",
-            "T (10^-3)",
-            "T (1e-3)",
-        ] {
-            refused(header, Wanted::Transmittance, "another scale");
-            refused(&header.replace('T', "QE"), Wanted::Efficiency, "another scale");
-        }
-        for header in ["1-T", "1/T", "100-%T", "Loss (1-T)", "1 - Transmission"] {
-            refused(header, Wanted::Transmittance, "left of the whole");
-        }
-        refused("1-R", Wanted::Fraction, "left of the whole");
-    }
-
-    #[test]
-    fn numbers_that_are_no_scale_are_names_and_sizes() {
-        check(&[
-            ("T (10 x 10 mm)", 0.25, Wanted::Transmittance, 0.25),
-            ("T (10 mm)", 0.25, Wanted::Transmittance, 0.25),
-            ("x10", 0.25, Wanted::Fraction, 0.25),
-            ("patch 100", 0.25, Wanted::Fraction, 0.25),
-            ("1-A", 0.25, Wanted::Fraction, 0.25),
-            ("reflectance10", 0.25, Wanted::Fraction, 0.25),
-            ("QE (100x100 pixels)", 0.25, Wanted::Efficiency, 0.25),
-        ]);
-    }
-
-    #[test]
-    fn filters_tell_transmittance() {
-        for (header, says) in [
-            ("Absorption (%)", "absorbed"),
-            ("A (%)", "absorbed"),
-            ("Absorptance", "absorbed"),
-            ("%R", "reflectances"),
-            ("R%", "reflectances"),
-            ("R (%)", "reflectances"),
-            ("Reflectivity", "reflectances"),
-            ("OD6", "does not say which"),
-            ("OD 0.3", "does not say which"),
-            ("Neutral density", "does not say which"),
-            ("Absorption coefficient (1/cm)", "per length"),
-            ("ε (L mol-1 cm-1)", "per length"),
-            ("Attenuation", "a loss"),
-            ("2-log10(%T)", "logarithms"),
-        ] {
-            refused(header, Wanted::Transmittance, says);
-        }
-    }
-
-    #[test]
-    fn headers_that_contradict_themselves_are_refused() {
-        for (header, wanted, says) in [
-            ("T (% or dB)", Wanted::Transmittance, "both decibels and per cent"),
-            ("Optical density (dB)", Wanted::Fraction, "both absorbance"),
-            ("R (%, A/W)", Wanted::Efficiency, "both responsivity in A/W and per cent"),
-            ("Photon flux (W/nm)", Wanted::Power, "both numbers of photons and power in W"),
-            ("W/nm (per Hz)", Wanted::Power, "both power per frequency"),
-        ] {
-            refused(header, wanted, says);
-        }
+    fn one_of_several_columns_is_chosen_or_the_only_one_known() {
+        let text = "Wavelength [nm],Irradiance [W/m2/nm],Std dev\n500,0.7,0.1\n";
+        let mut table = SpectralTable::parse(text).unwrap();
+        table.convert(Wanted::Power).unwrap();
+        assert_eq!(table.curves.len(), 1);
+        assert!(table.remarks[0].contains("\"Std dev\" is left out"), "{:?}", table.remarks);
+        let chosen = "# column: lamp 2\nnm,Lamp 1 (W/nm),Lamp 2 (W/nm)\n500,0.7,0.1\n";
+        let mut table = SpectralTable::parse(chosen).unwrap();
+        table.convert(Wanted::Power).unwrap();
+        assert_eq!(table.curves, [("Lamp 2".to_string(), vec![0.1])]);
+        let none = SpectralTable::parse(&chosen.replace("lamp 2", "lamp 3")).unwrap_err();
+        assert!(none.to_string().contains("Lamp 1, Lamp 2"), "{none}");
     }
 
     /// Headers of blanks may stand undivided above two columns of numbers.

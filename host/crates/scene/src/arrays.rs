@@ -8,7 +8,8 @@
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Strided};
-use super::{Quantity, hdf5, isetcam, matlab, units};
+use super::{hdf5, isetcam, matlab, units};
+use camrig_base::unit::Unit;
 use camrig_base::{Error, Result};
 use std::path::Path;
 
@@ -300,8 +301,11 @@ impl<'a> Arrays<'a> {
         let Some(unit) = unit.filter(|unit| !["", "1"].contains(&unit.trim())) else {
             return Ok(list);
         };
-        match units::to_nm(&unit) {
-            Some(to_nm) => Ok(list.map(|list| list.into_iter().map(to_nm).collect())),
+        let parsed = Unit::parse(&unit).ok().filter(|unit| unit.to_nm(1.0).is_some());
+        match parsed {
+            Some(unit) => {
+                Ok(list.map(|list| list.into_iter().filter_map(|v| unit.to_nm(v)).collect()))
+            }
             None if sidecar.given(0).is_some() => Ok(None),
             None => Err(Error::input(format!("{name:?} is in {unit:?}")).help(
                 "wavelengths are in nm, um, angstrom or cm-1; else give wavelength_nm, or \
@@ -318,24 +322,15 @@ impl<'a> Arrays<'a> {
     /// Finds what the samples are, by the array's name and unit, and what they are multiplied by.
     fn quantity(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
         let mut attributes = self.attributes(name)?;
-        let unit = attributes.iter().cloned().find_map(unit);
-        let is_radiance = unit.as_deref().and_then(units::radiance_factor).is_some();
-        own.quantity = units::quantity_of(name, sidecar)?;
-        if own.quantity.is_none() && is_radiance {
-            own.quantity = Some(Quantity::Radiance);
-        }
-        let scale = match (own.quantity, &unit) {
-            (Some(Quantity::Radiance), Some(unit)) => {
+        let unit =
+            attributes.iter().cloned().find_map(unit).filter(|unit| !unit.trim().is_empty());
+        own.quantity = units::quantity_of(name, unit.is_some(), sidecar)?;
+        let scale = match &unit {
+            Some(unit) => {
                 attributes.retain(|of| self::unit(of.clone()).is_none());
-                units::radiance_scale("units", unit, sidecar, own)
+                units::scale("units", unit, sidecar, own).map_err(|e| e.at(format!("{name:?}")))?
             }
-            (_, Some(unit)) if is_radiance && sidecar.quantity.is_none() => {
-                return Err(Error::input(format!(
-                    "{name:?} is a reflectance by its name, in {unit}"
-                ))
-                .help("say which it is: quantity=radiance or quantity=reflectance"));
-            }
-            _ => sidecar.scale.unwrap_or(1.0),
+            None => sidecar.scale.unwrap_or(1.0),
         };
         if !attributes.is_empty() {
             let names: Vec<String> = attributes.into_iter().map(|(name, _)| name).collect();
@@ -447,8 +442,8 @@ mod tests {
         let list = [25e3, 2e4, 1e7 / 600.0];
         for (name, unit, quantity, value) in [
             ("cube", "mW/(cm2 sr um)", Quantity::Radiance, 0.005),
-            ("Radiance", "counts", Quantity::Radiance, 0.5),
             ("cube", "1", Quantity::Reflectance, 0.5),
+            ("cube", "%", Quantity::Reflectance, 0.005),
         ] {
             let (path, _folder) = with_units(name, &[1, 2, 3], [unit, "cm-1"], &list);
             let cube = open_file(path.to_str().unwrap()).unwrap();
@@ -456,11 +451,11 @@ mod tests {
             assert!((cube.band(0).unwrap().data[0] / value - 1.0).abs() < 1e-6, "{name}, {unit}");
             let said = cube.understood().join("\n");
             assert!(said.contains("3 bands, 400 to 600"), "{said}");
-            let notes = crate::Scene::notes(&cube).join("\n");
-            assert_eq!(notes.contains("units \"counts\" is taken"), unit == "counts", "{notes}");
         }
         for (name, of, said) in [
-            ("reflectance", ["W m-2 sr-1 nm-1", "nm"], "say which it is"),
+            ("reflectance", ["W m-2 sr-1 nm-1", "nm"], "no unit of reflectance"),
+            ("Radiance", ["counts", "nm"], "no unit of spectral radiance"),
+            ("Radiance", ["", "nm"], "of unknown unit"),
             ("irradiance", ["W m-2 nm-1", "nm"], "irradiance by its name"),
             ("cube", ["1", "furlongs"], "is in \"furlongs\""),
         ] {

@@ -12,7 +12,7 @@ use super::cube::Cube;
 use super::envi_header::Header;
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Sample, Strided};
-use super::units;
+use super::units::{self, STATE_THE_UNIT};
 use camrig_base::{Bands, Error, Plane, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let (nm, quantity) = (header.wavelengths(&mut notes)?, quantity.transpose()?);
     let mut own = Own { nm, quantity, understood, notes, ..Own::default() };
     let unit = match sidecar.quantity.or(quantity) {
-        Some(Quantity::Radiance) => unit_of_radiance(&header, sidecar, &mut own),
+        Some(Quantity::Radiance) => unit_of_radiance(&header, sidecar, &mut own)?,
         _ => sidecar.scale.unwrap_or(1.0),
     };
     let divisor = reflectance_scale.filter(|_| sidecar.scale.is_none()).unwrap_or(1.0);
@@ -81,19 +81,15 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
 }
 
 /// What makes radiance in the scene's unit of samples with their gains: by the title of the values.
-fn unit_of_radiance(header: &Header, sidecar: &Sidecar, own: &mut Own) -> f32 {
+fn unit_of_radiance(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
     if let Some(unit) = header.unit_of_values() {
-        return units::radiance_scale("z plot titles", unit, sidecar, own);
+        return units::scale("z plot titles", unit, sidecar, own);
     }
     if header.text("data gain values").is_some() && sidecar.scale.is_none() {
-        own.notes.push(
-            "the header gives gains and no unit: what they make is taken as W m⁻² sr⁻¹ nm⁻¹. \
-             ENVI's own are W m⁻² sr⁻¹ µm⁻¹, for which scale=0.001 is right, or in the header \
-             z plot titles = {Wavelength, Radiance (W/m2/sr/um)}"
-                .into(),
-        );
+        return Err(Error::input("the header gives gains of radiance, and not of which unit")
+            .help(format!("{STATE_THE_UNIT}; those of ENVI's own make W/m2/sr/um")));
     }
-    sidecar.scale.unwrap_or(1.0)
+    Ok(sidecar.scale.unwrap_or(1.0))
 }
 
 fn sample_of(header: &Header) -> Result<Sample> {

@@ -1,7 +1,7 @@
 //! Headers of ENVI cubes: keys and values in text.
 
 use super::selection::Stated;
-use super::units;
+use camrig_base::unit::Unit;
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -168,11 +168,13 @@ impl Header {
             }
             said => said,
         };
-        let to_nm = units::to_nm(unit).ok_or_else(|| {
+        let wrong = || {
             Error::unsupported(format!("wavelength units = {unit}"))
                 .help("write the wavelengths in nanometres or micrometres, or give wavelength_nm")
-        })?;
-        Ok(Some(list.into_iter().map(to_nm).collect()))
+        };
+        let parsed = Unit::parse(unit).map_err(|_| wrong())?;
+        let nm: Option<Vec<f64>> = list.into_iter().map(|value| parsed.to_nm(value)).collect();
+        nm.map(Some).ok_or_else(wrong)
     }
 
     /// What is said of the bands. Samples come multiplied by `scale`, which is for what gain and

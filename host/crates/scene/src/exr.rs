@@ -25,6 +25,7 @@ use ::exr::block::{self, BlockIndex};
 use ::exr::meta::attribute::{AttributeValue, SampleType, Text};
 use ::exr::meta::header::Header;
 use ::exr::prelude::{MetaData, Vec2, f16};
+use camrig_base::unit::Unit;
 use camrig_base::{Error, Plane, Result};
 use std::fs::File;
 use std::io::BufReader;
@@ -94,7 +95,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let left = cubes.iter().flat_map(|cube| &cube.bands).count();
     let header = &meta.headers[chosen.part];
     let mut own = about(&chosen, header, left, &others, sidecar)?;
-    let scale = scale(header, sidecar, &mut own);
+    let scale = scale(header, sidecar, &mut own)?;
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
     own.nm = Some(nm);
     let (window, note) = Window::of(path, header, 1, MAX_PIXELS)?.whole_part();
@@ -150,7 +151,8 @@ fn about(
         Naming::Reflectance => Some(Quantity::Reflectance),
         Naming::Wavelength => {
             let first = &header.channels.list[bands[0].1];
-            units::quantity_of(&first.name.to_string(), sidecar)?
+            let has_unit = emissive_unit(header).is_some();
+            units::quantity_of(&first.name.to_string(), has_unit, sidecar)?
         }
     };
     if quantity.is_none() {
@@ -187,16 +189,23 @@ fn about(
     Ok(Own { quantity, understood, notes, ..Own::default() })
 }
 
+/// The unit of radiance that a part states.
+fn emissive_unit(header: &Header) -> Option<String> {
+    let all = [&header.own_attributes.other, &header.shared_attributes.other];
+    let unit = all.iter().find_map(|all| all.get(&Text::from("emissiveUnits")));
+    match unit {
+        Some(AttributeValue::Text(unit)) => Some(unit.to_string()),
+        _ => None,
+    }
+}
+
 /// What samples are multiplied by: radiance, as its unit demands.
-fn scale(header: &Header, sidecar: &Sidecar, own: &mut Own) -> f32 {
-    let unit = [&header.own_attributes.other, &header.shared_attributes.other]
-        .iter()
-        .find_map(|all| all.get(&Text::from("emissiveUnits")));
-    match (unit, sidecar.quantity.or(own.quantity)) {
-        (Some(AttributeValue::Text(unit)), Some(Quantity::Radiance)) => {
-            units::radiance_scale("emissiveUnits", &unit.to_string(), sidecar, own)
+fn scale(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
+    match (emissive_unit(header), sidecar.quantity.or(own.quantity)) {
+        (Some(unit), Some(Quantity::Radiance)) => {
+            units::scale("emissiveUnits", &unit, sidecar, own)
         }
-        _ => sidecar.scale.unwrap_or(1.0),
+        _ => Ok(sidecar.scale.unwrap_or(1.0)),
     }
 }
 
@@ -253,8 +262,6 @@ fn middle_nm(from: &str, to: &str) -> Option<f64> {
 
 /// Numbers that are wavelengths where the name says nothing else, nm.
 const BARE_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
-/// Speed of light, nm · Hz (exact by the SI's definition of the metre).
-const LIGHT_NM_HZ: f64 = 299_792_458.0e9;
 
 /// The wavelength in a text such as `550,000000nm` or `545,077THz`, in nm.
 fn wavelength_nm(text: &str) -> Option<f64> {
@@ -264,32 +271,7 @@ fn wavelength_nm(text: &str) -> Option<f64> {
     if unit.is_empty() {
         return Some(number);
     }
-    let base = if unit.ends_with("Hz") { "Hz" } else { "m" };
-    let power = match unit.strip_suffix(base)? {
-        "" => 0,
-        "da" => 1,
-        "h" => 2,
-        "k" => 3,
-        "M" => 6,
-        "G" => 9,
-        "T" => 12,
-        "P" => 15,
-        "E" => 18,
-        "Z" => 21,
-        "Y" => 24,
-        "d" => -1,
-        "c" => -2,
-        "m" => -3,
-        "u" | "µ" | "μ" => -6,
-        "n" => -9,
-        "p" => -12,
-        _ => return None,
-    };
-    Some(match base {
-        "Hz" => LIGHT_NM_HZ / (number * 10f64.powi(power)),
-        // One factor, so that whole nanometres stay whole.
-        _ => number * 10f64.powi(power + 9),
-    })
+    Unit::parse(unit).ok()?.to_nm(number)
 }
 
 /// Where the pixels of a part lie in the image: its data window in the display window, which is

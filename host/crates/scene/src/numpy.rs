@@ -78,7 +78,7 @@ fn cube(
     let scale = sidecar.scale.unwrap_or(1.0);
     let (sample, big_endian) = array.sample;
     let cube = Strided::new(bytes, array.offset, sample, big_endian, layout, scale)?;
-    own.quantity = units::quantity_of(name, sidecar)?;
+    own.quantity = units::quantity_of(name, false, sidecar)?;
     let array = if name.is_empty() { String::new() } else { format!(" {name:?}") };
     let understood = format!("NumPy array{array}, {axes} from slowest to fastest, {sample:?}");
     own.understood.insert(0, understood);

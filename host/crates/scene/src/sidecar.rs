@@ -7,6 +7,7 @@
 //! start_nm = 400
 //! step_nm = 10
 //! axes = "yxb"                 # order of rows, columns, bands in an array
+//! unit = "W/m2/sr/um"          # of the samples, in place of quantity and scale
 //! scale = 1.0                  # multiplies the samples
 //! array = "cube"               # name of the array in a file of several; of an EXR's layer or part
 //! negative = "zero"            # takes samples below zero as 0, however far below
@@ -16,6 +17,7 @@ use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::selection::Stated;
 use camrig_base::numbers::counted;
+use camrig_base::unit::Unit;
 use camrig_base::{Error, Result, options};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -31,6 +33,7 @@ pub(super) struct Sidecar {
     step_nm: Option<f64>,
     pub axes: Option<String>,
     pub scale: Option<f32>,
+    unit: Option<String>,
     pub array: Option<String>,
     negative: Option<Negative>,
     /// The file, where there is one.
@@ -59,11 +62,31 @@ impl Sidecar {
         let said: Self = options::read(
             there.then_some(&*file),
             options,
-            "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, scale, array and \
+            "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, unit, scale, array and \
              negative (which is \"zero\")",
         )
+        .and_then(Self::with_unit)
         .map_err(|e| if there { e } else { e.at(path.display()) })?;
         Ok(Self { file: there.then_some(file), ..said })
+    }
+
+    /// What the unit says of quantity and scale.
+    fn with_unit(self) -> Result<Self> {
+        let Some(unit) = &self.unit else { return Ok(self) };
+        let parsed = Unit::parse(unit)?;
+        let (quantity, factor) = match parsed.radiance() {
+            Some(factor) => (Quantity::Radiance, factor),
+            None if parsed.is_dimensionless() => (Quantity::Reflectance, parsed.factor()),
+            None => {
+                return Err(Error::input(format!("the unit {unit:?} of a scene"))
+                    .help("a scene is radiance, such as W/m2/sr/um, or reflectance: 1 or %"));
+            }
+        };
+        if self.scale.is_some() || self.quantity.is_some_and(|said| said != quantity) {
+            return Err(Error::input(format!("the unit {unit:?} beside quantity or scale"))
+                .help("give the unit alone: it says both"));
+        }
+        Ok(Self { quantity: Some(quantity), scale: Some(factor as f32), ..self })
     }
 
     /// Refuses keys that mean nothing for `what`.
