@@ -1,4 +1,4 @@
-//! `camrig batch`: a sweep rendered to a data set.
+//! `camrig batch`: renders a sweep to a data set.
 
 use super::arguments::{device, progress};
 use camrig_base::Result;
@@ -13,12 +13,12 @@ use std::process::ExitCode;
 /// Render a sweep (a grid of cameras, scenes, lights, exposures, seeds) to a data set with a
 /// manifest
 ///
-/// Pictures that are there already are not made again: run the same command once more after a
-/// crash or a kill. The pictures do not depend on how the work was split.
+/// Existing pictures are kept: after a crash or a kill, run the same command again. The pictures do
+/// not depend on how the work was split.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "A sweep file:\n  \
     format = \"sweep/1\"\n  \
-    frames = 2                       # of each combination\n\n  \
+    frames = 2                       # per combination\n\n  \
     [grid]                           # a value, a list, or \
     { from, to, count, spacing = \"log\" }\n  \
     camera = \"mt9t012\"\n  \
@@ -45,20 +45,20 @@ use std::process::ExitCode;
 pub struct Args {
     /// Sweep file
     sweep: PathBuf,
-    /// Directory of the data set: a new one, or one to go on with
+    /// Directory of the data set, new or to be continued
     #[arg(short, long, value_name = "DIR", required_unless_present = "dry_run")]
     output: Option<PathBuf>,
-    /// Make only part K of N, counted from 1
+    /// Render only part K of N, counted from 1
     #[arg(long, value_name = "K/N", value_parser = Shard::parse, default_value = "1/1")]
     shard: Shard,
-    /// Say what would be made, and how much of it is there
+    /// Print what would be rendered, and how much of it exists
     #[arg(long)]
     dry_run: bool,
-    /// What a lens's blur that varies over the field runs on. Not chosen by the machine: the
-    /// shards of a data set may run on different ones
+    /// Device that computes blur varying over the field. Never chosen automatically, because the
+    /// shards of a data set may run on different machines
     #[arg(long, value_parser = device(), default_value_t = DeviceChoice::Cpu, value_name = "D")]
     device: DeviceChoice,
-    /// Keep nothing of the optics stage (~/.cache/camrig/optics)
+    /// Do not cache the optics stage (~/.cache/camrig/optics)
     #[arg(long)]
     no_cache: bool,
     /// Print one JSON object on standard output
@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         println!("{object}");
     } else {
         let total = counted(total as usize, "picture");
-        eprintln!("{total}, {in_part} of them in shard {}; {done} there", args.shard);
+        eprintln!("{total}, {in_part} of them in shard {}; {done} done", args.shard);
         if let (true, Some(directory)) = (complete, &args.output) {
             eprintln!("complete: {}", directory.join("manifest.jsonl").display());
             if let Some(page) = page {

@@ -1,4 +1,4 @@
-//! `camrig camera new`: a camera file from what is known of a camera.
+//! `camrig camera new`: writes a camera file from data-sheet figures or a built-in sensor.
 
 use camrig_base::output::OutputFile;
 use camrig_base::{Error, Result};
@@ -20,8 +20,8 @@ enum Command {
     New(NewArgs),
 }
 
-/// Write a complete, commented camera file from the figures of a data sheet, or from a built-in
-/// sensor; what is not known gets a usual value, marked typical
+/// Write a complete, commented camera file from data-sheet figures or a built-in sensor; unknown
+/// values get usual ones, marked typical
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig camera new --like imx219 -o my-camera.toml\n  \
@@ -29,12 +29,12 @@ enum Command {
     camrig camera new --pixels 3280x2464 --pitch-um 1.12 --bits 10 --cfa RGGB -o mine.toml\n  \
     camrig camera new --pixels 2464x2056 --pitch-um 3.45 --bits 12 --cfa mono \\\n    \
     --full-well-e 10400 --read-noise-e 2.1 --qe 450:0.56,529:0.64,650:0.5 -o mono.toml\n\n\
-    `camrig presets` lists the built-in sensors, `camrig explain KEY` says what a key means.")]
+    `camrig presets` lists the built-in sensors, `camrig explain KEY` explains a key.")]
 struct NewArgs {
-    /// The file; tables that it names are written beside it
+    /// Output; the tables that it refers to are written to the same folder
     #[arg(short, long, value_name = "FILE.toml")]
     output: PathBuf,
-    /// Built-in sensor that it starts from
+    /// Built-in sensor to start from
     #[arg(long, visible_alias = "sensor", value_name = "NAME")]
     like: Option<String>,
     /// Columns and rows
@@ -50,7 +50,7 @@ struct NewArgs {
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
     /// Quantum efficiency: its peak, points of a data sheet (nm:value,... or channel:nm:value,...),
-    /// or a table beside FILE.toml
+    /// or a table in the folder of FILE.toml
     #[arg(long, value_name = "PEAK|POINTS|FILE.csv")]
     qe: Option<String>,
     /// Linear full well, e-: electrons per DN at unity gain x (2^bits - 1)
@@ -71,7 +71,7 @@ struct NewArgs {
     /// Any other key of the file: sensor.noise.prnu=0.008; repeatable
     #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
     set: Vec<(String, toml::Value)>,
-    /// Name of the camera in raw files and reports; that of the file unless given
+    /// Name of the camera in raw files and reports [default: that of the file]
     #[arg(long)]
     name: Option<String>,
     /// Replace existing files
@@ -84,14 +84,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let Command::New(args) = &args.command;
     if is_preset(&args.output.to_string_lossy()) {
         return Err(Error::input(format!("a camera file called {}", args.output.display()))
-            .help("names without a dot are those of presets: call it FILE.toml"));
+            .help("names without a dot are reserved for presets: call it FILE.toml"));
     }
     let draft = Draft::of(&args.request())?;
     let directory = args.output.parent().unwrap_or(Path::new(""));
     draft.camera(directory).map_err(|e| e.at(format!("{} to be", args.output.display())))?;
     let mut files = vec![(args.output.clone(), draft.text())];
     files.extend(draft.tables().into_iter().map(|(name, text)| (directory.join(name), text)));
-    // A table that is there already, as another camera's, stays.
+    // An existing identical table, shared with another camera, is kept.
     files.retain(|(path, text)| std::fs::read_to_string(path).ok().as_ref() != Some(text));
     write_all(&files, args.force)?;
     tell(&draft, &args.output, &files);
@@ -152,11 +152,11 @@ fn write_all(files: &[(PathBuf, String)], force: bool) -> Result<()> {
     outputs.into_iter().try_for_each(OutputFile::finish)
 }
 
-/// Says what was written, which values are typical, and what to type next.
+/// Prints what was written, which values are typical, and what to type next.
 fn tell(draft: &Draft, output: &Path, files: &[(PathBuf, String)]) {
     let names: Vec<String> = files.iter().map(|(path, _)| path.display().to_string()).collect();
     match names.is_empty() {
-        true => eprintln!("{} is there already, the same", output.display()),
+        true => eprintln!("{} already exists, unchanged", output.display()),
         false => eprintln!("wrote {}", names.join(", ")),
     }
     let typical = draft.entries.iter().filter(|entry| entry.basis.grade == Grade::Typical);

@@ -12,7 +12,7 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// The crosstalk experiment: simulate it, or fit its captures
+/// Simulate the crosstalk experiment, or fit its captures
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig crosstalk bench --camera my.toml --frames 100 -o bench\n  \
@@ -29,7 +29,7 @@ enum What {
     #[command(after_help = "Examples:\n  \
         camrig crosstalk bench --camera my.toml --frames 100 -o bench")]
     Bench(BenchArgs),
-    /// Captures of role "rotation" to the table of factors, with uncertainty
+    /// Fit the table of factors, with uncertainties, to captures of role "rotation"
     #[command(after_help = "Examples:\n  camrig crosstalk fit bench -o crosstalk.csv")]
     Fit(FitArgs),
 }
@@ -46,7 +46,7 @@ struct BenchArgs {
         value_parser = clap::value_parser!(u32).range(2..)
     )]
     frames: u32,
-    /// Integration time
+    /// Exposure time
     #[arg(
         long,
         default_value = "10ms",
@@ -68,9 +68,9 @@ struct BenchArgs {
 
 #[derive(clap::Args, Debug)]
 struct FitArgs {
-    /// A capture set with rotation captures
+    /// Capture set with rotation captures
     captures: PathBuf,
-    /// The table (CSV)
+    /// Output table (CSV)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Replace an existing table

@@ -1,4 +1,4 @@
-//! `camrig datasheet`: a measured page of a camera.
+//! `camrig datasheet`: measures a camera and writes its data sheet.
 
 use super::arguments::{ChangeArgs, band_at, progress};
 use super::notes::Notes;
@@ -21,7 +21,7 @@ pub struct Args {
     cameras: Vec<String>,
     #[command(flatten)]
     changes: ChangeArgs,
-    /// Folder for the pages, each called NAME.html; it is made where it is missing
+    /// Folder for the pages, each called NAME.html; created if it does not exist
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Replace existing pages
@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     };
     if let Some(taken) = cameras.iter().map(|c| path(c)).find(|p| p.exists() && !args.force) {
         return Err(
-            Error::input(format!("{} exists", taken.display())).help("--force replaces it")
+            Error::input(format!("{} exists", taken.display())).help("replace it with --force")
         );
     }
     let bar = progress("cameras", cameras.len() as u64);

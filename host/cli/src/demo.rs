@@ -1,4 +1,4 @@
-//! `camrig demo`: the main job on built-in data.
+//! `camrig demo`: the main workflow on built-in data.
 
 use super::arguments;
 use camrig_base::Result;
@@ -15,7 +15,7 @@ use camrig_scene::{self as scene, LitScene};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// The main job on built-in data: a ColorChecker under D65 to raw files, pictures and a page
+/// Simulate a ColorChecker in D65 with built-in data: raw files, pictures and a report
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig demo -o demo && open demo/report.html")]
 pub struct Args {
@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(if same { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// The page: the frames, and what the rig had to do with them.
+/// The report: the frames, and the comparison with the rig.
 fn page(
     camera: &Camera,
     light: &Illuminant,
@@ -117,15 +117,15 @@ fn page(
         simulation::page("camrig demo", camera, Some(light), &settings, &made_of, frames);
     page.command("camrig demo").heading("Rig");
     page.paragraph(
-        "The optics ran once; its irradiance was streamed row by row to the embedded rig's \
+        "The optics ran once; its irradiance was streamed row by row to the rig's \
          emulator, which sent the raw rows back.",
     );
     page.paragraph(if same {
-        "The rig's rows and those of the sensor stage in this process are the same, bit for bit."
+        "The rig's rows are identical, bit for bit, to those of the sensor stage in this process."
     } else {
-        "The rig's rows differ from those of the sensor stage in this process: this must not be."
+        "The rig's rows differ from those of the sensor stage in this process, which is a fault."
     });
-    let mut table = Table::new(&["frame"]).numbers(&["sent in all, MiB", "received in all, MiB"]);
+    let mut table = Table::new(&["frame"]).numbers(&["total sent, MiB", "total received, MiB"]);
     table.rows(link.iter().cloned());
     page.rows(&table);
     page

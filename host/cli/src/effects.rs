@@ -5,11 +5,11 @@ use camrig_camera::EffectKind;
 use serde_json::json;
 use std::process::ExitCode;
 
-/// List the effects that a camera file may name in [[effect]], or describe one
+/// List the effects that a camera file may contain as [[effect]], or describe one
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig effects defocus")]
 pub struct Args {
-    /// An effect
+    /// Effect
     kind: Option<String>,
     /// Print everything as JSON
     #[arg(long)]
@@ -43,7 +43,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints what an effect is, and how a camera file says it.
+/// Prints the description of an effect, and its form in a camera file.
 pub(super) fn describe(effect: &EffectKind) {
     for line in effect.doc.trim().lines() {
         println!("{}", line.trim());
@@ -52,13 +52,13 @@ pub(super) fn describe(effect: &EffectKind) {
     for w in effect.words {
         let known =
             if w.values.is_empty() { String::new() } else { format!(": {}", w.values.join(", ")) };
-        let must = if w.required { "; must be given" } else { "" };
+        let must = if w.required { "; required" } else { "" };
         println!("{} = \"...\" # {}{known}{must}", w.key, w.doc);
     }
     for p in effect.parameters {
         let value = p.default.map_or_else(|| "...".to_string(), |d| d.to_string());
         let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
-        let must = if p.default.is_none() { "; must be given" } else { "" };
+        let must = if p.default.is_none() { "; required" } else { "" };
         println!("{} = {value:8} # {}: {} to {}{unit}{must}", p.key, p.doc.trim(), p.min, p.max);
     }
 }

@@ -9,8 +9,8 @@ use camrig_camera::{Camera, EffectKind, presets};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 
-/// What a key of the camera file means: unit, range, what real cameras have; or what a built-in
-/// camera's values are based on
+/// Explain a key of the camera file (meaning, unit, range, values of real cameras), or list the
+/// sources of a built-in camera's values
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig explain                            every key and every effect\n  \
@@ -91,8 +91,8 @@ fn explain_key(key: &Key) {
         println!("  usual: {}", key.usual);
     }
     match key.default {
-        None => println!("  must be given"),
-        Some(default) => println!("  left out: {default}"),
+        None => println!("  required"),
+        Some(default) => println!("  default: {default}"),
     }
 }
 
@@ -112,7 +112,7 @@ fn in_presets(key: &Key) -> Result<()> {
     Ok(())
 }
 
-/// What a value is based on, in a line.
+/// The source of a value, in one line.
 fn based_on(entry: &Entry) -> String {
     let basis = &entry.basis;
     let second_hand = if basis.second_hand { ", second-hand" } else { "" };
@@ -120,7 +120,7 @@ fn based_on(entry: &Entry) -> String {
     parts.into_iter().filter(|p| !p.is_empty()).cloned().collect::<Vec<_>>().join("; ")
 }
 
-/// Every value of a built-in camera with what is behind it.
+/// Every value of a built-in camera with its source.
 fn explain_preset(name: &str, json: bool) -> Result<()> {
     let draft = Draft::of_preset(name)?;
     let entries = || draft.entries.iter().filter(|entry| !entry.key.table.is_empty());

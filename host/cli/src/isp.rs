@@ -1,4 +1,4 @@
-//! `camrig isp`: a chart through the camera and through real ISPs, judged against the truth.
+//! `camrig isp`: a chart through the camera and real raw converters, compared with the truth.
 
 use super::arguments::{CameraArgs, DeviceArgs, WARN_SATURATED, duration, positive};
 use super::simulate::ViewArgs;
@@ -11,12 +11,11 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
-/// The ColorChecker through the camera and through real raw converters: ΔE2000 of each patch
+/// Rate raw converters on a simulated ColorChecker: ΔE2000 of each patch
 ///
-/// Runs the converters that are installed (dcraw, dcraw_emu of LibRaw, rawtherapee-cli,
-/// darktable-cli) on one simulated raw file and compares their pictures with the colours that the
-/// patches' reflectances have in D65. A picture of your own ISP, made from a raw of this camera,
-/// is judged with --picture.
+/// Runs the installed converters (dcraw, dcraw_emu of LibRaw, rawtherapee-cli, darktable-cli) on a
+/// simulated raw file and compares their pictures with the colours of the patches' reflectances in
+/// D65. --picture rates a picture that your own ISP made from a raw file of this camera.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig isp --camera mt9t012 --exposure 30ms\n  \
@@ -31,12 +30,12 @@ pub struct Args {
     /// Scene illuminance, lx
     #[arg(long, value_parser = positive, value_name = "X")]
     lux: Option<f64>,
-    /// Integration time
+    /// Exposure time
     #[arg(long, value_parser = duration, value_name = "TIME", allow_hyphen_values = true)]
     exposure: f64,
     #[command(flatten)]
     device: DeviceArgs,
-    /// A picture (sRGB PNG) of another ISP to judge as well
+    /// Picture (sRGB PNG) of another ISP to rate as well
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
     /// Keep the raw file
@@ -56,7 +55,7 @@ const CARD: f64 = 0.8;
 /// A picture of linear sRGB.
 type Picture = Plane<[f64; 3]>;
 
-/// A converter: program, what it is given (IN and OUT are replaced), and how the picture is read.
+/// A converter: program, arguments (IN and OUT are replaced), and how its picture is read.
 struct Converter {
     program: &'static str,
     arguments: &'static [&'static str],
@@ -64,8 +63,8 @@ struct Converter {
     read: fn(&[u8]) -> Result<Picture>,
 }
 
-/// White balance as shot, sRGB primaries; dcraw and LibRaw linear, the others as they show
-/// pictures.
+/// White balance as shot, sRGB primaries; dcraw and LibRaw linear, the others with their default
+/// tone.
 const CONVERTERS: [Converter; 4] = [
     Converter {
         program: "dcraw",
@@ -122,7 +121,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for (channel, _, saturated) in raw.channel_means() {
         if saturated > WARN_SATURATED {
             eprintln!(
-                "warning: channel {channel} saturates; colours will be wrong: shorten the exposure"
+                "warning: channel {channel} saturates, so colours will be wrong: shorten the exposure"
             );
         }
     }
@@ -162,7 +161,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The picture that a converter makes; `None` where it is not installed.
+/// The picture of a converter; `None` if it is not installed.
 fn develop(converter: &Converter, folder: &Path, raw: &Path) -> Result<Option<Picture>> {
     let output = folder.join(converter.output);
     let argument = |a: &&str| match *a {
@@ -182,7 +181,7 @@ fn develop(converter: &Converter, folder: &Path, raw: &Path) -> Result<Option<Pi
     };
     let bytes = std::fs::read(&output).map_err(|_| {
         let said = String::from_utf8_lossy(&done.stderr).trim().to_string();
-        Error::device(format!("made no picture: {said}"))
+        Error::device(format!("no picture: {said}"))
     })?;
     std::fs::remove_file(&output).map_err(|e| Error::io("remove", &output, e))?;
     (converter.read)(&bytes).map(Some)
@@ -245,7 +244,7 @@ fn srgb_png(bytes: &[u8]) -> Result<Picture> {
     Ok(Plane { width, height, data })
 }
 
-/// Prints the figures; as JSON where there are notes for it.
+/// Prints the figures; as JSON if `notes` are given.
 fn print_table(table: &[(String, Vec<Patch>)], json_notes: Option<&Vec<String>>) {
     let mean = |patches: &[Patch]| {
         patches.iter().map(|p| p.delta_e_2000).sum::<f64>() / patches.len() as f64

@@ -1,4 +1,4 @@
-//! `camrig presets`: the cameras that come with the program.
+//! `camrig presets`: the built-in cameras.
 
 use camrig_base::Result;
 use camrig_camera::draft::{Draft, Entry, Grade};
@@ -11,10 +11,10 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:\n  \
     camrig presets\n  \
     camrig presets imx477 > my-camera.toml\n  \
-    camrig explain imx477                     its values with what is behind them\n\n\
-    `camrig camera new --like imx477 -o my-camera.toml` writes the tables that it names, too.")]
+    camrig explain imx477                     its values with their sources\n\n\
+    `camrig camera new --like imx477 -o my-camera.toml` also writes the tables it refers to.")]
 pub struct Args {
-    /// A preset, or a file that a preset names
+    /// Preset, or a file that a preset refers to
     name: Option<String>,
     /// Print the page of docs/sensors.md
     #[arg(long, conflicts_with = "name")]

@@ -1,4 +1,4 @@
-//! `camrig validate`: a model beside captures.
+//! `camrig validate`: compares a model with captures.
 
 use super::arguments::{ChangeArgs, progress};
 use super::measure::{corners, roi};
@@ -32,10 +32,10 @@ enum What {
     #[command(after_help = "Examples:\n  \
         camrig validate paper -o paper.html\n  \
         camrig validate paper --model my.toml --captured captures/ --json\n\n\
-        Without --captured, a camera with the causes that the paper names (focus, lens \
-        transmittance, subject distance, defects) stands for the real one, and a second model has \
-        them too. Exit status 1 where the differences have not the sizes of the paper or do not \
-        go with their causes; with --captured, where any is left.")]
+        Without --captured, a camera with the causes named in the paper (focus, lens \
+        transmittance, subject distance, defects) stands in for the real one, and a second model \
+        has them too. The exit status is 1 if the differences do not have the sizes of the paper \
+        or do not vanish with their causes; with --captured, if any difference is left.")]
     Paper(PaperArgs),
 }
 
@@ -46,20 +46,19 @@ struct PaperArgs {
     model: String,
     #[command(flatten)]
     changes: ChangeArgs,
-    /// A capture set with an edge and charts at two light levels, or a camera that stands for it
+    /// Capture set with an edge and charts at two light levels, or a camera that stands in for it
     #[arg(long, value_name = "SET|C")]
     captured: Option<String>,
-    /// A better model, to compare too
+    /// Improved model, to compare as well
     #[arg(long, value_name = "C")]
     improved: Option<String>,
-    /// Page with tables, plots and pictures (HTML)
+    /// Report with tables, plots and pictures (HTML)
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Captured charts: centres of patches 1, 6, 24 and 19; the built-in chart's place unless
-    /// given
+    /// Captured charts: centres of patches 1, 6, 24 and 19 [default: those of the built-in chart]
     #[arg(long, value_name = "X1,Y1,...,X4,Y4", value_parser = corners)]
     corners: Option<Corners>,
-    /// Captured edge: its region; the middle of the frame unless given
+    /// Captured edge: its region [default: the centre of the frame]
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     roi: Option<Roi>,
     /// Replace an existing page

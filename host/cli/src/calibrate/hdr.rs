@@ -11,7 +11,7 @@ use camrig_scene::numpy;
 use serde_json::json;
 use std::path::PathBuf;
 
-/// Merge several exposures of a still view to one linear frame
+/// Merge several exposures of a still scene into one linear frame
 ///
 /// Writes radiance.npy (DN/s), sigma.npy, flags.npy and hdr.toml.
 #[derive(clap::Args, Debug)]
@@ -19,10 +19,10 @@ use std::path::PathBuf;
 pub struct HdrArgs {
     #[command(flatten)]
     source: Source,
-    /// response.toml of `scene response`, for a camera that is not linear
+    /// response.toml from `scene response`, for a non-linear camera
     #[arg(long, value_name = "FILE")]
     response: Option<PathBuf>,
-    /// Luminance meter reading of a region, X,Y,W,H=CD: makes the scale absolute
+    /// Luminance meter reading of a region in cd/m², X,Y,W,H=CD: makes the scale absolute
     #[arg(long, value_name = "X,Y,W,H=CD")]
     luminance: Option<String>,
     #[command(flatten)]

@@ -16,15 +16,15 @@ use camrig_calibrate::ceiling;
 use camrig_calibrate::exposures::{self, Series};
 use std::path::PathBuf;
 
-/// Which frames, and what is known of the sensor.
+/// The frames, and what is known about the sensor.
 #[derive(clap::Args, Debug)]
 struct Source {
     /// Capture set: a directory with captures.toml
     captures: PathBuf,
-    /// Captures to use; all that show something unless given
+    /// Captures to use [default: all that are not darks]
     #[arg(long, value_delimiter = ',', value_name = "ID,...")]
     only: Vec<String>,
-    /// Colour filter pattern, where the capture set does not say it
+    /// Colour filter pattern, if missing in the capture set
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
 }
@@ -52,7 +52,7 @@ impl Source {
     }
 }
 
-/// Where to, and what to print.
+/// Output directory and what to print.
 #[derive(clap::Args, Debug)]
 struct Output {
     /// Output directory

@@ -7,7 +7,7 @@ use camrig_calibrate::response;
 use camrig_report::plot::{Colour, Mark, Plot};
 use serde_json::json;
 
-/// Find the response curve of each channel from a view at several exposures (Debevec and Malik)
+/// Estimate the response curve of each channel from several exposures of a scene (Debevec and Malik)
 ///
 /// Writes response.toml for `scene hdr`, and response.svg.
 #[derive(clap::Args, Debug)]
@@ -69,7 +69,7 @@ pub fn response(args: &ResponseArgs) -> Result<()> {
                 100.0 * r.departure_from_linear()
             );
         }
-        println!("curves lie within {:.2} % of each other", 100.0 * spread);
+        println!("curves agree within {:.2} %", 100.0 * spread);
     }
     args.to.say_written();
     Ok(())

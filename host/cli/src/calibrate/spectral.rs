@@ -12,7 +12,7 @@ use camrig_light::Illuminant;
 use serde_json::json;
 use std::path::PathBuf;
 
-/// Reflectance spectra from a camera's channels, with the light taken out
+/// Estimate reflectance spectra from a camera's channels, with the light divided out
 ///
 /// Writes the directory of a stored scene.
 #[derive(clap::Args, Debug)]
@@ -22,27 +22,27 @@ use std::path::PathBuf;
     camrig scene spectral frame.dng --camera mt9v024 --illuminant A --white 40,40,30,30 \
     -o scene/")]
 pub struct SpectralArgs {
-    /// Directory of `scene hdr`, or a raw frame that says its black level and pattern
+    /// Directory from `scene hdr`, or a raw frame that states its black level and pattern
     frame: PathBuf,
-    /// Camera file or preset: whose quantum efficiency saw it
+    /// Camera file or preset, for its quantum efficiency
     #[arg(long, value_name = "C")]
     camera: String,
-    /// Light of the view, or auto: the one that fits the chart best
+    /// Light on the scene, or auto: the one that fits the chart best
     #[arg(long, default_value = "D65", value_name = "I")]
     illuminant: String,
-    /// Rectangle around the 24 patches of a ColorChecker in view, raw pixels
+    /// Rectangle around the 24 patches of a ColorChecker, raw pixels
     #[arg(long, value_name = "X,Y,W,H", required_unless_present = "white")]
     chart: Option<Region>,
-    /// Rectangle of a white of 90 % in view
+    /// Rectangle of a 90 % white, raw pixels
     #[arg(long, value_name = "X,Y,W,H", conflicts_with = "chart")]
     white: Option<Region>,
-    /// Principal components, or auto: of least error by cross-validation
+    /// Number of principal components, or auto: the number with the least cross-validation error
     #[arg(long, default_value = "6", value_name = "K")]
     components: String,
     /// Further training reflectances, fractions or per cent: CSV of wavelength_nm,NAME,...
     #[arg(long, value_name = "CSV")]
     training: Vec<PathBuf>,
-    /// Relative noise that the estimate allows for
+    /// Relative noise assumed by the estimate
     #[arg(long, default_value_t = spectral::NOISE, value_parser = crate::arguments::positive)]
     noise: f64,
     #[command(flatten)]
@@ -84,7 +84,7 @@ pub fn spectral(args: &SpectralArgs) -> Result<()> {
     } else {
         println!("light {light}, {} components", estimate.components);
         println!(
-            "left-one-out error of the patches: {:.4} (plain pseudo-inverse {:.4})",
+            "leave-one-out error of the patches: {:.4} (plain pseudo-inverse {:.4})",
             ours.rmse, plain.rmse
         );
         for (index, (name, _)) in ours.delta_e.iter().enumerate() {
@@ -119,7 +119,7 @@ impl SpectralArgs {
         }
     }
 
-    /// `None` for the number of least error.
+    /// `None` for the number with the least error.
     fn components(&self) -> Result<Option<usize>> {
         match self.components.as_str() {
             "auto" => Ok(None),
