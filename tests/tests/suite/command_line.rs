@@ -184,7 +184,7 @@ fn convert_tells_of_samples_that_look_dark_in_a_picture() {
     for name in ["out.tiff", "out.png"] {
         for maximum in [1023, 4095] {
             let dark = told(maximum, name);
-            assert!(dark.contains(&format!("raw and to {maximum} of 65535")), "{dark}");
+            assert!(dark.contains(&format!("up to {maximum} of 65535")), "{dark}");
             assert!(dark.contains("show them dark") && dark.contains("--preview"), "{dark}");
         }
         assert_eq!(told(65535, name), "", "{name}");

@@ -47,7 +47,7 @@ fn rows_collect_light_in_time_also_after_the_exposure_has_changed() {
             let (told, samples) = page.until(|told| exposed(told, exposure, 1.0));
             found.push(slope(&told, &samples));
             assert!(found.len() < 50, "{exposure}: {found:?}, not {}", expected(exposure));
-            let said = told["events"].to_string().contains("were lit for");
+            let said = told["events"].to_string().contains("was computed for");
             assert!(!said || told["scene"]["late"] != 0, "{told}");
         }
     }
@@ -97,7 +97,7 @@ fn the_page_is_there_before_the_scene_and_has_the_notes_of_its_frames() {
         found.iter().map(|e| e["count"].as_u64().unwrap()).collect::<Vec<_>>()
     };
     assert_eq!(count("clipped: 192 pixels (100.00 %)"), [3, 1, 1], "{events:#?}");
-    assert_eq!(count("notes of single frames beyond these"), [2]);
+    assert_eq!(count("further notes about single frames"), [2]);
     // What holds for all ten frames, and what was said of the stream.
     assert_eq!((count("sRGB is assumed"), count("a limited range")), (vec![10], vec![1]));
 }
@@ -113,12 +113,12 @@ fn a_writer_who_is_silent_or_dies_holds_up_no_frame() {
     page.until(|told| told["scene"]["late"].as_u64() > Some(5));
     page.set(json!({ "exposure_s": 0.004 }));
     let (told, _) = page.until(|told| exposed(told, 0.004, 1.0));
-    assert_eq!(page.until_told("its next light is awaited")["error"], false);
+    assert_eq!(page.until_told("waiting for its next light")["error"], false);
     let received = told["scene"]["frames"]["received"].as_u64();
     let mut stdin = console.child.stdin.take().unwrap();
     stdin.write_all(&[video(120), video(120), video(120)].concat()).unwrap();
     page.until(|told| told["scene"]["frames"]["received"].as_u64() > received);
-    page.until_told("its next light has come after");
+    page.until_told("its next light arrived after");
     // It dies within a frame.
     stdin.write_all(&video(60)[..100]).unwrap();
     drop(stdin);

@@ -295,7 +295,7 @@ fn timing_changes_nothing_of_a_still_scene_and_is_needed_for_light_in_time() {
     let with = camrig_ok(dir, &format!("simulate --camera t.toml {still}")).stdout;
     assert!(without == with);
     for (arguments, words) in [
-        ("--camera c.toml --lamp mains:hz=100,depth=0.3", "no timing"),
+        ("--camera c.toml --lamp mains:hz=100,depth=0.3", "without timing"),
         ("--camera t.toml --lamp mains:hz=100", "mains:hz=100,depth=0.3"),
         ("--camera t.toml --lamp pulse:hz=90,duty=0.1 --hdr rows:4", "--hdr"),
         ("--camera t.toml --motion 1,0 --rolling 0.5", "--rolling"),

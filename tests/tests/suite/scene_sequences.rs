@@ -149,7 +149,7 @@ fn what_makes_no_sequence_is_named_and_leaves_nothing_behind() {
     refused(dir, &format!("{simulate} ramp --loop"), &["--loop", "stands still"]);
     refused(dir, &format!("{simulate} seq --motion 1,0"), &["moves by itself"]);
     let kept = format!("{simulate} seq --save-irradiance x.irr");
-    refused(dir, &kept, &["--save-irradiance", "one file of the folder", "ffmpeg"]);
+    refused(dir, &kept, &["--save-irradiance", "single file of the folder", "ffmpeg"]);
     refused(
         dir,
         &format!("{SIMULATE} --scene seq -o x.dng"),
