@@ -29,7 +29,7 @@ pub struct Args {
     /// the V4L2 name of headerless pixels
     #[arg(long, value_name = "FORMAT")]
     to: Option<String>,
-    /// V4L2 name of headerless input, if the file name does not have it: SRGGB10P, SGRBG12, Y16, ...
+    /// V4L2 name of headerless input, if not in the file name: SRGGB10P, SGRBG12, Y16, ...
     #[arg(long, value_name = "NAME")]
     from: Option<String>,
     /// Columns of headerless input

@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     for (channel, _, saturated) in raw.channel_means() {
         if saturated > WARN_SATURATED {
             eprintln!(
-                "warning: channel {channel} saturates, so colours will be wrong: shorten the exposure"
+                "warning: channel {channel} saturates; its colours are wrong: shorten the exposure"
             );
         }
     }

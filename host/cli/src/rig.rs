@@ -77,8 +77,8 @@ struct ServeArgs {
     /// is one, can read and write the rig's registers and take its frames
     #[arg(long, requires = "tcp")]
     allow_remote: bool,
-    /// Accept only hosts that know a token: this one, or without TEXT a random one, printed with the
-    /// address. It crosses the network unencrypted
+    /// Accept only hosts that know a token: this one, or without TEXT a random one, printed with
+    /// the address. It crosses the network unencrypted
     #[arg(
         long,
         value_name = "TEXT",

@@ -163,8 +163,8 @@ impl SceneLights {
         self.times.as_mut()
     }
 
-    /// The light of frame `frame` at its exposure; frames must be asked for in order, from 0. `first`
-    /// is the light with which the scene was opened.
+    /// The light of frame `frame` at its exposure; frames must be asked for in order, from 0.
+    /// `first` is the light with which the scene was opened.
     pub fn next(
         &mut self,
         frame: u32,

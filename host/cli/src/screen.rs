@@ -27,8 +27,8 @@ pub fn wrapped(text: &str) -> Vec<String> {
     lines
 }
 
-/// The step with which to list `count` lines in what `taken` lines leave of a screen; at least three
-/// are listed. The line that states the omission is included.
+/// The step with which to list `count` lines in what `taken` lines leave of a screen; at least
+/// three are listed. The line that states the omission is included.
 pub fn one_in(count: usize, taken: usize) -> usize {
     let room = LINES.saturating_sub(taken).max(4);
     if count <= room { 1 } else { count.div_ceil(room - 1) }

@@ -18,8 +18,8 @@ pub struct LampArgs {
     /// Lamp whose light changes with time: mains:hz=100,depth=0.3 (frequency of the light, twice
     /// that of the mains) or pulse:hz=90,duty=0.1; phase=PERIODS; share=FRACTION of the light, the
     /// rest being steady or from other lamps; region=X,Y,WIDTH,HEIGHT in fractions of the frame: an
-    /// area of a still scene lit by this lamp alone. Repeatable; needs [sensor.timing] in the camera
-    /// file
+    /// area of a still scene lit by this lamp alone. Repeatable; needs [sensor.timing] in the
+    /// camera file
     #[arg(long = "lamp", value_name = "WAVE")]
     pub lamps: Vec<Lamp>,
 }
@@ -139,8 +139,8 @@ impl Times {
         self.period_s.unwrap_or_else(|| self.timing.period_s(exposure_s))
     }
 
-    /// Irradiance of rows in the light of the lamps, with `parts` for the lamps of regions; `None` if
-    /// the light is steady.
+    /// Irradiance of rows in the light of the lamps, with `parts` for the lamps of regions; `None`
+    /// if the light is steady.
     pub fn lit(
         &self,
         cube: &IrradianceCube,

@@ -7,7 +7,7 @@ use camrig_calibrate::response;
 use camrig_report::plot::{Colour, Mark, Plot};
 use serde_json::json;
 
-/// Estimate the response curve of each channel from several exposures of a scene (Debevec and Malik)
+/// Estimate the response curve of each channel from several exposures (Debevec and Malik)
 ///
 /// Writes response.toml for `scene hdr`, and response.svg.
 #[derive(clap::Args, Debug)]

@@ -51,7 +51,7 @@ pub(super) fn plane_summary(lens: &PlaneCharacterisation) -> String {
 fn blending(between: Option<Between>, stations: &str) -> String {
     between.map_or_else(String::new, |b| {
         format!(
-            ", interpolation between {stations} misplaces {:.2} % of it (mean; {:.2} % at worst) on \
+            ", interpolating between {stations} misplaces {:.2} % of it (mean; {:.2} % worst) on \
              pixels of {} µm",
             100.0 * b.misplaced_mean,
             100.0 * b.misplaced_largest,

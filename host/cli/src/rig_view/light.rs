@@ -102,8 +102,8 @@ pub fn description(args: &Args, camera: &Camera) -> Result<(Source, Settings)> {
     Ok((source, Settings { exposure_s, analog_gain, scene, ..Settings::default() }))
 }
 
-/// Shows the scene's first light on the page, and the choices of scenes and lights. A changing scene
-/// is the only choice.
+/// Shows the scene's first light on the page, and the choices of scenes and lights. A changing
+/// scene is the only choice.
 pub fn tell_first(shared: &Shared, lit: &Lit, stands_still: bool) {
     shared.change(|state| {
         let State { source, settings, busy, .. } = state;

@@ -159,8 +159,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The new light for the frame that begins now, if any. The page reports light that is late, has
-    /// ended or cannot be made.
+    /// The new light for the frame that begins now, if any. The page reports light that is late,
+    /// has ended or cannot be made.
     pub fn light(&mut self, shared: &Shared) -> Option<IrradianceCube> {
         let awaited = self.awaited.as_mut()?;
         let made = match self.made.try_recv() {

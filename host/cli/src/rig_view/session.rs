@@ -91,8 +91,8 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Writes exposure and gain to a rig that was just opened, and reports what an earlier host left
-    /// in its registers.
+    /// Writes exposure and gain to a rig that was just opened, and reports what an earlier host
+    /// left in its registers.
     ///
     /// # Errors
     /// Settings that the rig cannot take, a link that fails.
@@ -187,8 +187,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Asks for the light of the next frame. If its rows are lit for an exposure, pending orders are
-    /// carried out first; returns another light if they ask for one.
+    /// Asks for the light of the next frame. If its rows are lit for an exposure, pending orders
+    /// are carried out first; returns another light if they ask for one.
     fn ask(&mut self, rig: &mut Rig, lit: &Lit) -> Result<Option<Lit>> {
         if self.scene.as_ref().is_some_and(Scene::looks)
             && let Some(other) = self.obey(rig, lit)?

@@ -54,7 +54,7 @@ fn about(frame: &Frame) -> Value {
 /// What tells one light from another, in words.
 fn light_of(frame: &Frame) -> String {
     let header = &frame.light.header;
-    let illuminant = header.illuminant.as_deref().unwrap_or("its own light");
+    let illuminant = header.illuminant.as_deref().unwrap_or("the scene's light");
     let lux = header.lux.map_or(String::new(), |lux| format!(" at {lux} lx"));
     format!("{} in {illuminant}{lux}", header.made_of)
 }

@@ -1,4 +1,4 @@
-//! A rig in use: its camera, its registers, its frames.
+//! A connected rig: its camera, its registers, its frames.
 
 use super::feed::Feed;
 use super::held::Held;
@@ -22,20 +22,20 @@ use rayon::prelude::*;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::{Duration, Instant};
 
-/// Times that a frame is continued after the link broke. A trade: cables that were touched
-/// recover, and a link that breaks in every frame is reported soon.
+/// Number of times that a frame is resumed after the link broke. A trade-off: a touched cable
+/// recovers, and a link that breaks in every frame is reported soon.
 const RECONNECTS: u32 = 3;
-/// Tries to open a link again, and the wait before each: 2 s, in which a server notices that its
-/// host has gone and a USB device is enumerated again.
+/// Attempts to reopen a link, and the wait before each: 2 s in all, enough for a server to notice
+/// that its host has gone and for a USB device to be enumerated again.
 const REOPEN_TRIES: u32 = 10;
 const REOPEN_WAIT: Duration = Duration::from_millis(200);
-/// No try begins later than this after the link broke: a rig that opens and does not answer takes
-/// each of them some time.
+/// No attempt begins later than this after the link broke: with a rig that opens but does not
+/// answer, each takes some time.
 const REOPEN_PATIENCE: Duration = Duration::from_secs(20);
 /// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW16).
 const RAW_BITS: [u8; 5] = [8, 10, 12, 14, 16];
-/// Addresses of the embedded line in CCS's manufacturer-specific range: what a frame was exposed
-/// with.
+/// Addresses of the embedded data line in CCS's manufacturer-specific range: the settings of a
+/// frame.
 mod embedded {
     pub const EXPOSURE_S: u16 = 0x3200;
     pub const ANALOG_GAIN: u16 = 0x3204;
@@ -43,62 +43,62 @@ mod embedded {
     pub const SEED: u16 = 0x320c;
 }
 
-/// Registers that change what a frame shows, and what they hold.
+/// Registers that inject a fault or a test pattern, and their names.
 const INJECTING: [(u16, &str); 2] =
     [(address::FAULT, "fault"), (address::TEST_PATTERN, "test pattern")];
 
-/// How a frame is to be taken.
+/// Request for a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameRequest {
     /// Frame number, exposure, gain, temperature.
     pub settings: FrameSettings,
     /// Arithmetic of the rig's sensor.
     pub arithmetic: Arithmetic,
-    /// Integrate the bands here and send mean electrons: less to send, the last bit of accuracy
-    /// lost.
+    /// Integrate the bands on the host and send mean electrons: fewer bytes, at the cost of the last
+    /// bit of accuracy.
     pub collapse: bool,
-    /// The sensor saw the same light in the frame before.
+    /// The sensor saw the same light in the previous frame.
     pub lit_before: bool,
-    /// Take exposure and gain from the rig's registers.
+    /// Use exposure and gain from the rig's registers.
     pub by_registers: bool,
-    /// Leave the raw rows with the rig, which has a way out of its own for them.
+    /// Do not return the raw rows: the rig sends them out through its own raw output.
     pub rows_stay: bool,
 }
 
 /// A frame from a rig.
 #[derive(Clone, Debug)]
 pub struct RigFrame {
-    /// What the rig said at the frame's start: counter, exposure, gain, seed, fault.
+    /// The rig's announcement of the frame: counter, exposure, gain, seed, fault.
     pub start: FrameStart,
-    /// Packed raw rows, one after the other; none where they stayed with the rig.
+    /// Packed raw rows, one after the other; empty if the rig sent them out itself.
     pub packed: Vec<u8>,
-    /// Of rows that stayed with the rig, the CRC-32C of each as it left there.
+    /// CRC-32C of each row that the rig sent out through its own raw output.
     pub receipts: Option<Vec<u32>>,
-    /// How they are packed.
+    /// Their packing.
     pub packing: Packing,
-    /// The rig was asked, through its fault register, to drop this frame: there are no rows.
+    /// The frame was dropped, as requested in the rig's fault register: there are no rows.
     pub dropped: bool,
-    /// Exposure in lines, where the rig's registers decided and it has a line time.
+    /// Exposure in lines, if it came from the registers of a rig with a line time.
     pub lines: Option<u16>,
-    /// Registers that were written again, since the rig had other values after its link had broken:
-    /// it has restarted, or another host was there. In words.
+    /// Registers that were restored, because the rig had other values after its link broke: it
+    /// restarted, or another host wrote them. In words.
     pub restored: Option<String>,
 }
 
-/// A caller's function that hears of faults.
+/// A caller's callback for faults.
 type Listener = Box<dyn FnMut(&Error) + Send>;
 
 /// An open rig.
 pub struct Rig {
     url: Url,
-    /// `None` while a broken link is being opened again.
+    /// `None` while a broken link is being reopened.
     transport: Option<Box<dyn Transport>>,
     host: Host<Vec<u16>>,
     camera: Vec<u8>,
     since: Instant,
-    /// Hears of links that broke and are opened again.
+    /// Called when a link breaks, before it is reopened.
     link_broken: Option<Listener>,
-    /// What its registers hold, once a frame by registers was asked for.
+    /// Values of its registers, once a frame by registers was requested.
     held: Option<Held>,
 }
 
@@ -111,7 +111,7 @@ fn open(url: &Url) -> Result<Box<dyn Transport>> {
     }
 }
 
-/// A random session number, so that packets of an earlier session are told apart. Results do not
+/// A random session number, which distinguishes packets of an earlier session. Results do not
 /// depend on it.
 fn session() -> u16 {
     RandomState::new().build_hasher().finish() as u16
@@ -148,13 +148,13 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Calls `tell` with the fault whenever the link breaks in a frame, before it is opened again
-    /// and the frame taken up where it was.
+    /// Calls `tell` with the fault whenever the link breaks in a frame, before it is reopened and
+    /// the frame is resumed.
     pub fn on_broken_link(&mut self, tell: impl FnMut(&Error) + Send + 'static) {
         self.link_broken = Some(Box::new(tell));
     }
 
-    /// What the rig has said that it can do.
+    /// The rig's capabilities.
     pub fn device(&self) -> Capabilities {
         self.host.device().cloned().unwrap_or_default()
     }
@@ -194,7 +194,7 @@ impl Rig {
     /// Writes a register. The rig's sensor decides with which frame it takes effect.
     ///
     /// # Errors
-    /// A register or a value that the rig does not take, a link that fails.
+    /// A register or a value that the rig refuses, a link that fails.
     pub fn write_register(&mut self, address: u16, value: u32) -> Result<()> {
         let held = self.held.take();
         self.request(ToDevice::RegWrite(address, value))?;
@@ -205,7 +205,7 @@ impl Rig {
     /// Reads the byte at an address: registers are their bytes, high byte first (MIPI CCS).
     ///
     /// # Errors
-    /// An address without a register, a firmware that knows no bytes, a link that fails.
+    /// An address without a register, a firmware without access by bytes, a link that fails.
     pub fn read_byte(&mut self, address: u16) -> Result<u8> {
         match self.request(ToDevice::ByteRead(address))? {
             ToHost::Register(_, value) => Ok(value as u8),
@@ -213,17 +213,17 @@ impl Rig {
         }
     }
 
-    /// Writes the byte at an address. Where its register takes no value with it alone, it takes
-    /// effect with the register's last byte.
+    /// Writes the byte at an address. If the register accepts no value with this byte alone, it
+    /// takes effect with the register's last byte.
     ///
     /// # Errors
-    /// Those of [`Rig::read_byte`], a value that the register does not take.
+    /// Those of [`Rig::read_byte`], a value that the register refuses.
     pub fn write_byte(&mut self, address: u16, value: u8) -> Result<()> {
         self.held = None;
         self.request(ToDevice::ByteWrite(address, value)).map(drop)
     }
 
-    /// Reads a register; `None` where the rig has none there.
+    /// Reads a register; `None` if the rig has none at this address.
     ///
     /// # Errors
     /// A link that fails.
@@ -253,7 +253,7 @@ impl Rig {
         Ok((!said.is_empty()).then(|| said.join(" and ")))
     }
 
-    /// Clears the rig's fault and test-pattern registers, and says what they held.
+    /// Clears the rig's fault and test-pattern registers, and returns what they held.
     ///
     /// # Errors
     /// A link that fails.
@@ -267,8 +267,8 @@ impl Rig {
         Ok(held)
     }
 
-    /// Lets the rig know that this host is still there: a server gives up a host that has been
-    /// silent for [`crate::serve::GIVEN_UP_AFTER`] when another one knocks.
+    /// Tells the rig that this host is still there: a server drops a host that has been silent for
+    /// [`crate::serve::GIVEN_UP_AFTER`] when another one connects.
     ///
     /// # Errors
     /// A link that fails, a rig that does not answer.
@@ -276,7 +276,7 @@ impl Rig {
         self.device_statistics().map(drop)
     }
 
-    /// What the rig's registers hold that decide frames; asked once.
+    /// Values of the registers that decide frames, read once.
     fn held(&mut self) -> Result<Held> {
         let held = match self.held.take() {
             Some(held) => held,
@@ -286,7 +286,7 @@ impl Rig {
         Ok(held)
     }
 
-    /// Sends the rig the sensor that it is to be, unless it is that sensor already.
+    /// Sends the sensor to the rig, unless the rig has it already.
     ///
     /// # Errors
     /// A sensor whose rows, bands or tables are too large for the rig, effects that its firmware
@@ -311,7 +311,7 @@ impl Rig {
             let what =
                 format!("the rig's firmware lacks effects of the camera: {}", lacking.join(", "));
             return Err(Error::unsupported(what).at(&self.url).help(
-                "leave them out of the camera file, or give the rig the firmware with all effects \
+                "remove them from the camera file, or use the rig's firmware with all effects \
                  (feature `catalogue`)",
             ));
         }
@@ -353,13 +353,13 @@ impl Rig {
         self.frame_from(&mut feed, sensor, request)
     }
 
-    /// Exposes one frame to the light that a feed gives, which says whether bands are collapsed. A
-    /// link that breaks is opened again, and the frame continued where it was. Where the rig's
-    /// registers decide and it then has others, those that it had are written again.
+    /// Exposes one frame to the light of a feed, which decides whether bands are collapsed. A broken
+    /// link is reopened and the frame resumed where it was. If the rig's registers decide and have
+    /// changed meanwhile, their previous values are restored.
     ///
     /// # Errors
     /// A frame too large for the link, a cube that cannot be read, settings that the rig refuses,
-    /// a link that fails more often than it is opened again.
+    /// a link that fails too often.
     pub fn frame_from(
         &mut self,
         feed: &mut Feed<'_>,
@@ -406,9 +406,9 @@ impl Rig {
                     self.failed(event)
                 }
                 Ok(Event::Refused(Nack::Refused(Refusal::Packing))) if request.rows_stay => {
-                    return Err(Error::unsupported("the rig has no way out of its own for rows")
+                    return Err(Error::unsupported("this rig has no raw output of its own")
                         .at(&self.url)
-                        .help("take them over the link: only a board's interface keeps them"));
+                        .help("return the rows over the link"));
                 }
                 Ok(event) => return Err(self.failed(event)),
                 Err(error) => error,
@@ -428,7 +428,7 @@ impl Rig {
         }
     }
 
-    /// Closes the link and opens it again, as soon as the other end lets go of it.
+    /// Closes the link and reopens it, as soon as the other end has released it.
     fn reopen(&mut self) -> Result<()> {
         self.transport = None;
         let began = Instant::now();
@@ -491,8 +491,7 @@ impl Rig {
     }
 
     fn unexpected(&self, answer: ToHost) -> Error {
-        Error::disagreement(format!("the rig answered a request with something else: {answer:?}"))
-            .at(&self.url)
+        Error::disagreement(format!("unexpected answer of the rig: {answer:?}")).at(&self.url)
     }
 
     fn failed(&self, event: Event) -> Error {
@@ -506,16 +505,16 @@ impl Rig {
                     "update camrig"
                 };
                 Error::disagreement(format!(
-                    "the rig speaks versions {oldest} to {newest} of the protocol, camrig \
+                    "the rig supports versions {oldest} to {newest} of the protocol, camrig \
                      {ours_oldest} to {ours}"
                 ))
                 .help(advice)
             }
             Event::NoProgress => Error::device(
-                "the link loses too much: the frame does not get through",
+                "the link loses too many packets to complete a frame",
             )
             .help(
-                "use a shorter cable, a lower baud rate, or look for another program on the line",
+                "use a shorter cable or a lower baud rate, or close other programs on this port",
             ),
             _ => Error::device("no answer from the rig")
                 .help("is it switched on, and is this its address?")
@@ -527,32 +526,34 @@ impl Rig {
     fn refused(&self, nack: Nack) -> Error {
         let (what, help) = match nack {
             Nack::Refused(Refusal::TooWide { max }) => (
-                format!("the camera's rows are too long for the rig, which takes {max} pixels"),
+                format!(
+                    "the camera's rows are too long for this rig, which supports {max} pixels"
+                ),
                 "use a camera with fewer columns, or a rig with more memory",
             ),
             Nack::Refused(Refusal::TooManyBands { max }) => (
-                format!("too many spectral bands for the rig, which takes {max}"),
-                "make the irradiance with fewer bands",
+                format!("too many spectral bands for this rig, which supports {max}"),
+                "use irradiance with fewer bands",
             ),
             Nack::Refused(Refusal::CameraTooLong { max }) => (
-                format!("the camera is too large for the rig, which takes {max} bytes"),
+                format!("the camera is too large for this rig, which supports {max} bytes"),
                 "use a coarser crosstalk table, or a rig with more memory",
             ),
             Nack::Refused(Refusal::Arithmetic) => {
-                ("the rig does not have this arithmetic".into(), "choose the other one")
+                ("this rig does not support the arithmetic".into(), "choose the other one")
             }
             Nack::Refused(Refusal::Effects) => (
                 "the camera's effects need more rows than the rig has memory for".into(),
-                "leave out effects that read neighbouring rows, or use a rig with more memory",
+                "remove effects that read neighbouring rows, or use a rig with more memory",
             ),
             Nack::Refused(refusal) => {
                 (format!("the rig refuses: {refusal}"), "check the camera and the settings")
             }
             Nack::Register(address) => (
-                format!("the rig has no register {address:#06x} that takes this"),
+                format!("the rig refuses this value for register {address:#06x}, or lacks it"),
                 "check the address and the value",
             ),
-            nack => (format!("the rig refuses: {nack}"), "start again; it may have been reset"),
+            nack => (format!("the rig refuses: {nack}"), "try again; it may have been reset"),
         };
         let error = match nack {
             Nack::Refused(Refusal::Arithmetic) => {
@@ -577,8 +578,8 @@ fn receipts(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|receipt| u32::from_le_bytes(*receipt)).collect()
 }
 
-/// What the host says before a frame, the sizes on the link that follow from it, and how raw rows
-/// come back.
+/// The host's announcement of a frame, the sizes on the link that follow from it, and how raw rows
+/// are returned.
 fn announcement(
     sensor: &SimulatedSensor,
     codec: Codec,
@@ -621,18 +622,18 @@ fn announcement(
     Ok((begin, shape, packing))
 }
 
-/// An exposure, s, in the nearest whole number of lines, where the exposure register takes it.
-/// Exact for what a rig reports of its registers: f32 has 24 bits, the number 16.
+/// An exposure, s, in the nearest whole number of lines, if it fits into the exposure register.
+/// Exact for exposures that a rig reports from its registers: f32 has 24 bits, the number 16.
 pub(super) fn whole_lines(exposure_s: f64, line_ns: u32) -> Option<u16> {
     let lines = (exposure_s / (f64::from(line_ns) * 1e-9)).round();
     (1.0..=f64::from(u16::MAX)).contains(&lines).then_some(lines as u16)
 }
 
 impl RigFrame {
-    /// The frame's embedded data line (CCS tagged data): what the sensor says about the frame.
+    /// The frame's embedded data line (CCS tagged data) with its settings.
     /// Exposure (s) and gain as f32, frame number and seed as integers, most significant byte
     /// first, at the manufacturer-specific addresses 0x3200, 0x3204, 0x3208 and 0x320c; the
-    /// registers that CCS has at its own. Exposure in lines and gain code are among them where
+    /// registers that CCS has at their own. Exposure in lines and gain code are among them if
     /// registers decided.
     pub fn embedded_line(&self) -> Vec<u8> {
         let start = &self.start;
@@ -668,17 +669,18 @@ impl RigFrame {
     /// Unpacks the frame into digital numbers.
     ///
     /// # Errors
-    /// A dropped frame, which has no rows; one whose rows stayed with the rig.
+    /// A dropped frame, which has no rows; one whose rows the rig sent out itself.
     pub fn to_raw(&self, sensor: &SimulatedSensor) -> Result<RawFrame> {
         if self.dropped {
-            let what = format!("the rig dropped frame {}, as it was asked", self.start.frame);
+            let what = format!("the rig dropped frame {}, as requested", self.start.frame);
             return Err(Error::disagreement(what)
                 .help("write 0 to its fault register 0x3100, and 1 to 0x0100"));
         }
         if self.receipts.is_some() {
-            return Err(Error::input(format!("the rows of frame {} stayed", self.start.frame))
+            let what = format!("the rows of frame {} were not returned", self.start.frame);
+            return Err(Error::input(what)
                 .at("the rig")
-                .help("take them from the rig's own interface, or ask for them"));
+                .help("take them from the rig's own raw output, or request them"));
         }
         let (width, height) = (sensor.config.width as usize, sensor.config.height as usize);
         let mut data = vec![0; width * height];
@@ -691,7 +693,7 @@ impl RigFrame {
     }
 }
 
-/// A frame under way.
+/// A frame in progress.
 struct Transfer<'a, 'c> {
     feed: &'a mut Feed<'c>,
     packed: Vec<u8>,
@@ -700,7 +702,7 @@ struct Transfer<'a, 'c> {
     error: Option<Error>,
 }
 
-/// What the protocol reads and writes.
+/// Input and output of the protocol.
 struct Io<'a, 'f, 'c> {
     transfer: &'a mut Option<Transfer<'f, 'c>>,
     camera: &'a [u8],

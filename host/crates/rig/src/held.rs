@@ -1,14 +1,14 @@
-//! What registers hold that decide frames by registers. A rig that has restarted while its link was
-//! broken holds its values at power-on: a frame that goes on is not to be taken with these.
+//! Values of the registers that decide frames. A rig that restarted while its link was broken has
+//! its power-on values: a resumed frame must not be taken with these.
 
 use super::Rig;
 use camrig_base::Result;
 use camrig_rig_link::registers::address;
 
-/// The registers, in the order in which they are written again.
+/// The registers, in the order in which they are restored.
 const DECISIVE: [(u16, &str); 9] = [
-    (address::EXPOSURE_DELAY, "delay of exposure"),
-    (address::GAIN_DELAY, "delay of gain"),
+    (address::EXPOSURE_DELAY, "exposure delay"),
+    (address::GAIN_DELAY, "gain delay"),
     (address::LINE_LENGTH_NS, "line time"),
     (address::FRAME_LENGTH_LINES, "frame length"),
     (address::COARSE_INTEGRATION_TIME, "exposure"),
@@ -18,7 +18,7 @@ const DECISIVE: [(u16, &str); 9] = [
     (address::MODE_SELECT, "mode"),
 ];
 
-/// Values of the decisive registers that a rig has, by their places in that list.
+/// Values of the registers that a rig has, by their places in that list.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Held([Option<u32>; DECISIVE.len()]);
 
@@ -32,7 +32,7 @@ impl Held {
         Ok(Self(values))
     }
 
-    /// Takes note of a value that was written; false at an address that is none of theirs.
+    /// Records a value that was written; false for an address that is not in the list.
     pub fn write(&mut self, address: u16, value: u32) -> bool {
         let place = DECISIVE.iter().position(|(of, _)| *of == address);
         let held = place.and_then(|i| self.0[i].as_mut());
@@ -45,7 +45,7 @@ impl Held {
         place.and_then(|i| self.0[i])
     }
 
-    /// Writes to the rig those that hold something else there, and says which.
+    /// Restores those that have other values in the rig, and returns which.
     pub fn restore(&self, rig: &mut Rig) -> Result<Option<String>> {
         let found = Self::read(rig)?;
         let mut said = Vec::new();

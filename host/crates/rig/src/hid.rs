@@ -53,7 +53,7 @@ pub fn open(vid: u16, pid: u16, serial: Option<&str>) -> Result<Box<dyn Transpor
     let device = device.map_err(|e| {
         Error::device(format!("cannot open the HID device: {e}"))
             .at(&name)
-            .help("close other programs that use it, and check the rights on /dev/hidraw*")
+            .help("close other programs that use it, and check the permissions of /dev/hidraw*")
     })?;
     let report = report_size(&device).unwrap_or(DEFAULT_REPORT);
     // Reports of an earlier session.
@@ -135,7 +135,7 @@ struct HidLink {
 fn gone(name: &str, e: hidapi::HidError) -> Error {
     Error::device(format!("the HID device is gone: {e}"))
         .at(name)
-        .help("look at the rig and its cable, and try again")
+        .help("check the rig and its cable, and try again")
 }
 
 /// Writes a report behind the number 0, which says that reports have no numbers.

@@ -14,15 +14,15 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
-/// A host that has been silent for so long is given up when another one knocks. A trade: longer
-/// than a host needs for the light of its next frame in a stream, and short for those who wait.
+/// A host that has been silent for this long is dropped when another one connects. A trade-off:
+/// longer than a host needs for the light of its next frame, yet short for those who wait.
 /// [`crate::Rig::keep_alive`] breaks the silence.
 pub const GIVEN_UP_AFTER: Duration = Duration::from_secs(10);
-/// Longest wait for the device to let go of a host that was given up, and how often it is looked.
+/// Longest wait for the device to release a dropped host, and the polling interval.
 const LET_GO: Duration = Duration::from_secs(2);
 const LET_GO_STEP: Duration = Duration::from_millis(10);
-/// Longest wait for the token of a host that has connected, and most hosts that are waited for at
-/// once; further ones are turned away.
+/// Longest wait for the token of a connecting host, and the maximum number of hosts waited for at
+/// once; further ones are rejected.
 const TO_GREET: Duration = Duration::from_secs(2);
 const GREETING_AT_ONCE: usize = 16;
 
@@ -133,7 +133,7 @@ impl<T> Drop for Link<T> {
     }
 }
 
-/// Passes on why a link ended, where it did not end in good order.
+/// Reports why a link ended, unless it was closed properly.
 fn failures(
     mut failed: impl FnMut(ServeError<io::Error>),
 ) -> impl FnMut(Result<(), ServeError<io::Error>>) {

@@ -86,10 +86,9 @@ impl SensorStage {
         };
         let frame = rig.frame(cube, sensor, &request)?;
         if let Some(what) = frame.injected() {
-            let what = format!("frame {} is not the sensor's: {what}", settings.frame);
-            return Err(Error::disagreement(what).help(
-                "another host has written the rig's fault or test-pattern register; begin again",
-            ));
+            let what = format!("frame {} was altered by the rig: {what}", settings.frame);
+            return Err(Error::disagreement(what)
+                .help("another host wrote the rig's fault or test-pattern register; try again"));
         }
         frame.to_raw(sensor)
     }
@@ -98,10 +97,10 @@ impl SensorStage {
 /// Light that changes from frame to frame, under a sensor with an effect that remembers it.
 pub fn changing_light(effect: &str) -> Error {
     Error::unsupported(format!(
-        "{effect} depends on the light of the frame before, which a rig knows only where the \
-         light stands still: not under motion or changing irradiance"
+        "{effect} depends on the light of the previous frame, which a rig knows only if the \
+         light is steady: not with motion or changing irradiance"
     ))
-    .help("expose these frames in this process, or leave the effect out of the camera file")
+    .help("expose these frames in this process, or remove the effect from the camera file")
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! A secret that whoever connects must know: of a rig on TCP, and of the live page.
+//! A secret that a client must know, for a rig on TCP and for the console.
 //!
 //! On TCP it is the first packet, before Hello: the word `camrig-token`, a space and the token, in
 //! a packet of the link's framing without header and CRC. It keeps out other programs and other
-//! people's scripts; the network carries it in clear.
+//! people's scripts; it crosses the network unencrypted.
 
 use camrig_base::{Error, Result};
 use std::fmt;

@@ -133,8 +133,8 @@ impl<W: Write + Send> ByteLink<W> {
 /// Why a link is over.
 fn closed(name: &str, why: &str) -> Error {
     Error::device(format!("the rig closed the link{why}")).at(name).help(
-        "it may be busy with another host: an emulator serves one at a time, and gives up one \
-         that has been silent for 10 s; one with a token wants it in the address \
+        "it may be busy with another host: an emulator serves one at a time, and drops one that \
+         has been silent for 10 s; one with a token requires it in the address \
          (?token=TEXT); otherwise check the rig and its cable, and try again",
     )
 }
@@ -178,9 +178,9 @@ impl<W: Write + Send> Transport for ByteLink<W> {
         loop {
             let mut bytes = &self.chunk[self.used..];
             let whole = self.receiver.push(&mut bytes).map_err(|_| {
-                Error::disagreement("the bytes that arrived are not the rig's protocol")
+                Error::disagreement("the bytes received do not follow the rig's protocol")
                     .at(&self.name)
-                    .help("give the address of a rig; serial lines take serial://, not tcp://")
+                    .help("give the address of a rig; serial lines use serial://, not tcp://")
             })?;
             self.used = self.chunk.len() - bytes.len();
             if whole {

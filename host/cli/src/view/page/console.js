@@ -23,7 +23,7 @@ function showStatus(words, kind) {
 /** Words and kind of the status; before the first frame what is waited for. */
 function statusOf({ status, busy }) {
   if (status === "starting" && busy) return [busy, ""];
-  return link.frozen && status === "streaming" ? ["frozen; the rig streams", ""] : STATUS[status];
+  return link.frozen && status === "streaming" ? ["frozen; the rig is streaming", ""] : STATUS[status];
 }
 
 function showBar() {
@@ -72,14 +72,14 @@ function showFigures() {
     noises[c] === null ? "–" : noises[c].toFixed(2), percent(of.white)]));
   figures.forEach((of, c) => body.children[c].lastChild.classList.toggle("hot", of.white > 0.01));
   say("channels-note", `Mean above black ${+frame.black.toFixed(2)}; temporal noise over ${noise.frames} frames.`
-    + (frame.injected ? ` Of this frame ${frame.injected}.` : ""));
+    + (frame.injected ? ` This frame: ${frame.injected}.` : ""));
   const total = figures.reduce((s, of) => s + of.n, 0);
   const share = key => percent(figures.reduce((s, of) => s + of[key] * of.n, 0) / total);
   say("at-white", share("white"));
   say("at-zero", share("zero"));
   picture.noiseWhite = noiseWhite(frame);
   at("noise-scale").hidden = picture.mode !== "noise";
-  say("noise-scale", picture.noiseWhite === null ? "noise map: two frames are needed"
+  say("noise-scale", picture.noiseWhite === null ? "noise map: needs two frames"
     : `noise map: black 0, white ${picture.noiseWhite.toFixed(2)} DN`);
   showRegion(frame);
 }
@@ -89,7 +89,7 @@ function showRegion(frame) {
   at("region-figures").hidden = !selecting;
   if (!selecting) return;
   say("region-place", region ? `x ${region.x}, y ${region.y}, ${region.width} × ${region.height} samples`
-    : "draw it over the picture");
+    : "draw a rectangle on the picture");
   const figures = region ? statistics(frame, region) : [];
   fillTable("#region-figures", figures.filter(of => of.n).map(of =>
     [of.name, of.mean.toFixed(2), of.deviation.toFixed(2), whole(of.n)]));
@@ -134,8 +134,8 @@ function draw() {
 
 /** Says why nothing comes. */
 function lost(atOnce) {
-  showStatus(atOnce && !state ? "no link: is the address whole, as camrig printed it?"
-    : "camrig has ended or cannot be reached: its terminal may say why", "bad");
+  showStatus(atOnce && !state ? "no connection: is the address complete, as camrig printed it?"
+    : "camrig has ended or cannot be reached: see its terminal", "bad");
 }
 
 setUpPicture(measure);

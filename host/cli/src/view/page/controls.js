@@ -6,7 +6,7 @@ const ORDER_PAUSE = 100;
 const sliders = {
   lux: {
     order: "lux", to: v => 10 ** v, from: Math.log10,
-    words: v => v === null ? (state.status === "starting" ? "–" : "its own light") : `${whole(+v.toPrecision(4))} lx`,
+    words: v => v === null ? (state.status === "starting" ? "–" : "the scene's light") : `${whole(+v.toPrecision(4))} lx`,
   },
   exposure: { order: "exposure_s", to: v => 10 ** v, from: Math.log10, words: seconds },
   gain: { order: "analog_gain", to: v => 2 ** v, from: Math.log2, words: v => `× ${v.toFixed(2)}` },
@@ -80,7 +80,7 @@ function showRegisters(registers, send) {
 function writeRegister(address, text, send) {
   const value = typed(text);
   if (address >= 0 && address <= 0xffff && value <= 0xffffffff) send({ set: { register: { address, value } } });
-  else takeLocal("addresses and values are numbers such as 514 or 0x0202");
+  else takeLocal("addresses and values must be numbers such as 514 or 0x0202");
 }
 
 /** Tells a mistake that the page finds itself. */

@@ -83,7 +83,7 @@ function plotTimes(fps) {
   const shown = times.filter(t => t.period_ms > 0);
   const periods = shown.map(t => t.period_ms), late = shown.map(t => t.late ? t.period_ms : null);
   const data = [shown.map(t => t.at_s - newest), periods, late], asked = 1000 / fps;
-  say("time-asked", `asked ${+asked.toPrecision(4)} ms · ● late`);
+  say("time-asked", `target ${+asked.toPrecision(4)} ms · ● late`);
   if (plots.time) return plots.time.setData(data);
   const range = (_, low, high) =>
     [Math.min(0.9 * asked, 0.98 * (low ?? asked)), Math.max(1.1 * asked, 1.02 * (high ?? asked))];
