@@ -1,8 +1,7 @@
-//! The files that a script leaves, in the layout of each program, come back as the lens that wrote
-//! them.
+//! The files that the scripts in `contrib/lens-programs` leave, in the layout of each program, come
+//! back as the lens that wrote them.
 
 use camrig::lens::characterise::{self, Plan, PsfMethod};
-use camrig::lens::macros::{Export, Program};
 use camrig::lens::{Catalogue, Conditions, System, import, toml};
 use camrig::optics::Characterisation;
 use std::fmt::Write as _;
@@ -25,29 +24,21 @@ thickness_mm = 12.5
 stop = true
 "#;
 
-fn export() -> Export {
-    Export {
-        name: "singlet".into(),
-        heights: 4,
-        max_field_deg: 12.0,
-        wavelengths_nm: vec![486.1, 587.6, 656.3],
-        psf_size: 64,
-        psf_spacing_um: 1.5,
-    }
-}
+const HEIGHTS: usize = 4;
+const PSF_SIZE: usize = 64;
+const PSF_SPACING_UM: f64 = 1.5;
 
 /// The lens as our own tracer characterises it.
 fn traced() -> (System, Characterisation) {
     let lens = toml::read(SINGLET, &Catalogue::default()).unwrap();
     let system = System::new(lens, Conditions::default()).unwrap();
-    let export = export();
     let plan = Plan {
-        heights: export.heights,
+        heights: HEIGHTS,
         density: None,
-        max_field_deg: export.max_field_deg,
-        wavelengths_nm: export.wavelengths_nm,
-        psf_size: export.psf_size,
-        psf_spacing_um: Some(export.psf_spacing_um),
+        max_field_deg: 12.0,
+        wavelengths_nm: vec![486.1, 587.6, 656.3],
+        psf_size: PSF_SIZE,
+        psf_spacing_um: Some(PSF_SPACING_UM),
         method: PsfMethod::Auto,
     };
     let lens = characterise::characterise(&system, &plan, &|_, _| ()).unwrap();
@@ -56,15 +47,14 @@ fn traced() -> (System, Characterisation) {
 
 /// `ISETPARMS.TXT` and the tables, with the names that the scripts give them.
 fn write_tables(folder: &Path, lens: &Characterisation) {
-    let export = export();
     let parameters = format!(
         "lensFile='singlet.zmx';\npsfSize={};\npsfSpacing={:.9};\nwave={};\nimgHeightNum={};\n\
          imgHeightMax={:.9};\nobjDist=10000000000;\nmag=0;\nbaseLensFileName='singlet';\n\
          refWave=587.6;\nfov=12;\nefl={:.9};\nfnumber_eff=6;\nfnumber={:.9};\n",
-        export.psf_size,
-        export.psf_spacing_um * 1e-3,
+        PSF_SIZE,
+        PSF_SPACING_UM * 1e-3,
         "[486.1 587.6 656.3]",
-        export.heights,
+        HEIGHTS,
         lens.heights_mm[3],
         lens.efl_mm,
         lens.f_number,
@@ -87,7 +77,7 @@ fn write_tables(folder: &Path, lens: &Characterisation) {
 /// A Huygens listing as OpticStudio writes it: UTF-16 with CR LF, rows from +y down, image at −y,
 /// four digits, normalised to the Strehl ratio.
 fn opticstudio_listing(samples: &[f32], nm: f64, image_y: f64, deg: f64) -> Vec<u8> {
-    let size = export().psf_size;
+    let size = PSF_SIZE;
     let peak = samples.iter().copied().fold(0.0, f32::max);
     let mut text = format!(
         "Listing of Huygens PSF Data\r\n\r\nFile : C:\\singlet.zmx\r\nTitle: \r\nDate : 1\r\n\r\n\
@@ -98,7 +88,7 @@ fn opticstudio_listing(samples: &[f32], nm: f64, image_y: f64, deg: f64) -> Vec<
          Values are not normalized to peak = 1.0.\r\n\r\n",
         nm * 1e-3,
         -deg,
-        export().psf_spacing_um,
+        PSF_SPACING_UM,
         size / 2 + 1,
         size / 2 + 1,
         -image_y,
@@ -113,7 +103,7 @@ fn opticstudio_listing(samples: &[f32], nm: f64, image_y: f64, deg: f64) -> Vec<
 /// A grid of numbers as CODE V's BUF EXP writes it; 100 is the peak of a perfect lens.
 fn codev_grid(samples: &[f32]) -> Vec<u8> {
     let peak = samples.iter().copied().fold(0.0, f32::max);
-    let rows = samples.chunks(export().psf_size).map(|row| {
+    let rows = samples.chunks(PSF_SIZE).map(|row| {
         let words: Vec<String> = row.iter().map(|v| format!("{:12.6}", 50.0 * v / peak)).collect();
         words.join(" ") + "\r\n"
     });
@@ -170,60 +160,4 @@ fn what_the_scripts_leave_is_the_lens_that_wrote_it() {
         }
         same(&import::import(folder.path()).unwrap(), &lens, digits);
     }
-}
-
-/// Each script writes the files and the parameters that the reader asks for, and nothing is left
-/// to fill in.
-#[test]
-fn scripts_are_filled_in_and_name_the_files_that_the_reader_wants() {
-    for (program, psf) in [
-        (Program::OpticStudio, "_2D_PSF_Fld"),
-        (Program::OpticStudioZpl, "_2D_PSF_Fld"),
-        (Program::CodeV, "_PSF_"),
-    ] {
-        let text = export().script(program).unwrap();
-        let placeholder = text.split('@').skip(1).find(|t| t.starts_with(char::is_uppercase));
-        assert_eq!(placeholder, None);
-        for word in [psf, "could not be run", "open an issue", "camrig lens import", "587.6"] {
-            assert!(text.contains(word), "{program:?}: {word}");
-        }
-        for name in ["imgHeightNum", "imgHeightMax", "baseLensFileName", "wave", "psfSpacing"] {
-            assert!(text.contains(name), "{program:?}: {name}");
-        }
-        assert!(text.lines().all(|l| l.chars().count() <= 100), "{program:?}");
-    }
-    for program in [Program::OpticStudio, Program::OpticStudioZpl] {
-        assert!(export().script(program).unwrap().contains("the lens is not in millimetres"));
-    }
-    let script = export().script(Program::CodeV).unwrap();
-    // The middle of 4 heights: atan(1/3·tan 12°).
-    assert!(script.contains("^angles(2) == 4.05"), "{script}");
-}
-
-#[test]
-fn wavelengths_are_written_as_the_parameter_file_has_them() {
-    for (wavelengths_nm, written) in [
-        (vec![400.0, 450.0, 500.0], "wave=400:50:500"),
-        (vec![400.0, 410.0, 500.0], "wave=[400 410 500]"),
-        (vec![550.0], "wave=[550]"),
-    ] {
-        let script = Export { wavelengths_nm, ..export() }.script(Program::CodeV).unwrap();
-        assert!(script.contains(&format!("\"{written}\"")), "{written}");
-    }
-}
-
-#[test]
-fn grids_that_no_program_makes_are_refused() {
-    let refused = |change: fn(&mut Export), word: &str| {
-        let mut export = export();
-        change(&mut export);
-        let error = export.script(Program::CodeV).unwrap_err().to_string();
-        assert!(error.contains(word), "{error}");
-    };
-    refused(|e| e.psf_size = 100, "100 samples");
-    refused(|e| e.heights = 1, "1 image heights");
-    refused(|e| e.max_field_deg = 90.0, "90°");
-    refused(|e| e.name = "a b".into(), "a b");
-    refused(|e| e.wavelengths_nm = vec![500.0, 400.0], "400");
-    refused(|e| e.psf_spacing_um = 0.0, "0 µm");
 }

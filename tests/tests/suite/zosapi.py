@@ -1,5 +1,5 @@
-"""A stand-in for OpticStudio's ZOS-API that answers from a lens directory of camrig: it runs the
-script of `camrig lens macro opticstudio`, so that a test sees what the script leaves.
+"""A stand-in for OpticStudio's ZOS-API that answers from a lens directory of camrig: it runs
+contrib/lens-programs/opticstudio.py, so that a test sees what the script leaves.
 
 usage: python3 zosapi.py SCRIPT LENS_DIRECTORY MAX_FIELD_DEG OUTPUT_FOLDER
 """

@@ -1,6 +1,5 @@
 //! `camrig lens`: characterises lenses from prescriptions or exported files, shows their figures.
 
-mod export;
 mod show;
 mod tolerance;
 
@@ -34,7 +33,6 @@ pub struct Args {
 enum Command {
     Trace(TraceArgs),
     Import(ImportArgs),
-    Macro(export::MacroArgs),
     Tolerance(tolerance::ToleranceArgs),
     Info(InfoArgs),
     Plot(PlotArgs),
@@ -324,7 +322,6 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::Trace(args) => trace(args)?,
         Command::Import(args) => import_files(args)?,
-        Command::Macro(args) => export::print(args)?,
         Command::Tolerance(args) => tolerance::run(args)?,
         Command::Plot(args) => plot(args)?,
         Command::Info(args) if args.lens.file.is_dir() => {

@@ -39,7 +39,7 @@
 //! [`train::Train`] (one wavelength) → [`pupil::Beam`] (one field point, chief ray) →
 //! [`pupil::Outline`] (the part of the pupil that the apertures pass) → [`samples::PupilSamples`]
 //! (traced rays) → [`psf`]. [`mod@characterise`] runs them over field and wavelength; [`import`]
-//! reads what other programs computed, and [`macros`] are scripts that make them compute it.
+//! reads what other programs computed.
 //!
 //! # Conventions
 //! - Lenses are sequential: spheres, conics, even and odd polynomials, Forbes aspheres, ideal thin
@@ -79,7 +79,6 @@ pub mod frame;
 pub mod heights;
 pub mod ideal;
 pub mod import;
-pub mod macros;
 pub mod paraxial;
 pub mod prescription;
 pub mod psf;

@@ -1,14 +1,14 @@
 """Exports a lens from Ansys Zemax OpticStudio for `camrig lens import`.
 
-Written by camrig @VERSION@ (camrig lens macro opticstudio). To run, on a machine with OpticStudio
-and its ZOS-API (Professional or Premium, 2018 or later):
+To run, on a machine with OpticStudio and its ZOS-API (Professional or Premium, 2018 or later), set
+the constants below, then:
 
     pip install pythonnet
-    python @NAME@.py LENS.zmx OUTPUT_FOLDER
+    python opticstudio.py LENS.zmx OUTPUT_FOLDER
     camrig lens import OUTPUT_FOLDER -o my-lens
 
 It opens the file in an OpticStudio of its own and never saves it. It leaves ISETPARMS.TXT, the
-tables @NAME@_DI_.dat (height of the chief ray, mm), _RI_.dat (relative illumination) and _CRA_.dat
+tables NAME_DI_.dat (height of the chief ray, mm), _RI_.dat (relative illumination) and _CRA_.dat
 (chief-ray angle, radians), and a Huygens PSF listing for each height and wavelength.
 
 What it does: active configuration, real ray aiming, one wavelength at a time, fields along y at
@@ -31,12 +31,12 @@ import math
 import os
 import sys
 
-NAME = "@NAME@"
-HEIGHTS = @HEIGHTS@  # image heights from the axis to the largest field, evenly spaced
-MAX_FIELD_DEG = @MAX_FIELD@  # angle of the chief ray at the entrance pupil
-WAVELENGTHS_NM = [@WAVELENGTHS@]
-PSF_SIZE = @PSF_SIZE@  # samples per side
-PSF_SPACING_UM = @PSF_SPACING_UM@
+NAME = "lens"  # of the files: letters, digits, - and _
+HEIGHTS = 21  # image heights from the axis to the largest field, evenly spaced
+MAX_FIELD_DEG = 20.0  # angle of the chief ray at the entrance pupil
+WAVELENGTHS_NM = [400, 450, 500, 550, 600, 650, 700]  # rising
+PSF_SIZE = 128  # samples per side: 32, 64, 128, 256, 512 or 1024
+PSF_SPACING_UM = 0.5
 PUPIL_SIZE = max(PSF_SIZE, 128)  # rays across the pupil
 RELI_SAMPLES = 30  # rays across the pupil for the relative illumination
 
@@ -196,7 +196,7 @@ def export(lens, source, folder):
         "lensFile": f"'{os.path.basename(source)}'",
         "psfSize": PSF_SIZE,
         "psfSpacing": f"{PSF_SPACING_UM * 1e-3:.9f}",
-        "wave": "@WAVE@",
+        "wave": f"[{' '.join(map(str, WAVELENGTHS_NM))}]",
         "imgHeightNum": HEIGHTS,
         "imgHeightMax": f"{lens.top:.9f}",
         "objDist": f"{min(lens.distance, 1e10):.6f}",

@@ -1,11 +1,11 @@
 ! Exports the lens that is open in Ansys Zemax OpticStudio for `camrig lens import`.
-! Written by camrig @VERSION@ (camrig lens macro opticstudio --zpl).
 !
 ! To run:
 !  1. Save the lens: the macro changes fields and wavelengths, and loads the file again at its end.
 !  2. Open a Huygens PSF window, leave its settings linear, without polarisation, centroid and
 !     normalisation, and press Save in its settings. That makes the settings file named below.
-!  3. Edit FOLDER$, which must exist; put this file among the macros and run it.
+!  3. Edit FOLDER$, which must exist, and the settings that follow it; put this file among the
+!     macros and run it.
 !  4. camrig lens import FOLDER -o my-lens
 ! It leaves ISETPARMS.TXT, tables of the chief ray's height (mm), relative illumination and
 ! chief-ray angle (radians), and a Huygens PSF listing for each height and wavelength.
@@ -24,15 +24,28 @@
 FOLDER$ = "C:\camrig"
 SETTINGS$ = $PATHNAME() + "\HPS.CFG"
 
-NAME$ = "@NAME@"
-HEIGHTS = @HEIGHTS@
-MAXFIELD = @MAX_FIELD@
-PSFSIZE = @PSF_SIZE@
-PSFCODE = @PSF_CODE@
-SPACING = @PSF_SPACING_UM@
-WAVES = @COUNT@
-DECLARE WLN, DOUBLE, 1, @COUNT@
-@ASSIGN_WAVES@
+! Base name of the files: letters, digits, - and _.
+NAME$ = "lens"
+! Image heights from the axis to the largest field, evenly spaced.
+HEIGHTS = 21
+! Largest field: angle of the chief ray at the entrance pupil, degrees.
+MAXFIELD = 20
+! PSF samples per side and their code: 32 is 1, 64 is 2, 128 is 3, 256 is 4, 512 is 5, 1024 is 6.
+PSFSIZE = 128
+PSFCODE = 3
+! Distance of PSF samples, micrometres.
+SPACING = 0.5
+! Wavelengths, nm, rising; the same ones as text.
+WAVES = 7
+DECLARE WLN, DOUBLE, 1, 7
+WLN(1) = 400
+WLN(2) = 450
+WLN(3) = 500
+WLN(4) = 550
+WLN(5) = 600
+WLN(6) = 650
+WLN(7) = 700
+WAVES$ = "[400 450 500 550 600 650 700]"
 
 UNITS$ = $UNITS()
 MILLIMETRES = 0
@@ -105,7 +118,7 @@ FORMAT .0
 PRINT "psfSize=", PSFSIZE, ";"
 FORMAT .9
 PRINT "psfSpacing=", SPACING/1000, ";"
-PRINT "wave=@WAVE@;"
+PRINT "wave=", WAVES$, ";"
 FORMAT .0
 PRINT "imgHeightNum=", HEIGHTS, ";"
 FORMAT .9
