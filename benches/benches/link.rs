@@ -108,7 +108,8 @@ fn overhead() {
     );
     println!("  {:22} {:>10} {:>10} {:>10}", "", "collapsed", "8 bands", "31 bands");
     let camera = camera(64);
-    let tcp = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };
+    let mut tcp = Limits::default();
+    tcp.packet_bytes = MAX_PACKET as u16;
     for (name, framing, limits) in [
         ("TCP", Framing::Length, tcp),
         ("serial", Framing::Cobs, serial::limits(3_000_000)),

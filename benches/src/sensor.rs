@@ -13,8 +13,7 @@ use camrig_sensor_core::effects::{
 use camrig_sensor_core::pipeline::MeanRows;
 
 /// Settings of all frames of the benches.
-pub const SETTINGS: FrameSettings =
-    FrameSettings { frame: 3, exposure_s: 0.02, analog_gain: 1.0, temperature_c: 25.0 };
+pub const SETTINGS: FrameSettings = FrameSettings::new(0.02).with_frame(3);
 
 /// The chain that is timed: all effects of eq. 10 and 11.
 pub fn chain() -> Vec<Effect> {
@@ -31,22 +30,11 @@ pub fn chain() -> Vec<Effect> {
 
 /// A monochrome 12-bit sensor with this chain.
 pub fn config(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
-    SensorConfig {
-        width,
-        height,
-        pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
-        channels: 1,
-        bands: 1,
-        first_band_nm: 550.0,
-        band_step_nm: 10.0,
-        response: [1e6].into_iter().collect(),
-        full_well_e: 10_000.0,
-        bits: 12,
-        black_level_dn: 64.0,
-        seed: 1,
-        table: Default::default(),
-        effects: effects.iter().copied().collect(),
-    }
+    let mut config = SensorConfig::new(width, height);
+    config.response = [1e6].into_iter().collect();
+    config.seed = 1;
+    config.effects = effects.iter().copied().collect();
+    config
 }
 
 /// Mean electrons of a scene: a ramp from 1 e⁻ to 8000 e⁻ along each row, so that blocks with
@@ -101,14 +89,13 @@ const NODES: (usize, usize) = (17, 13);
 
 /// A Bayer sensor for 31 bands with this chain.
 pub fn spectral_config(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
-    SensorConfig {
-        pattern: Pattern { width: 2, height: 2, channels: [0, 1, 1, 2].into_iter().collect() },
-        channels: 3,
-        bands: BANDS as u8,
-        first_band_nm: 400.0,
-        response: [1e6; 3 * BANDS].into_iter().collect(),
-        ..config(width, height, effects)
-    }
+    let mut config = config(width, height, effects);
+    config.pattern = Pattern::new(2, 2, [0, 1, 1, 2]);
+    config.channels = 3;
+    config.bands = BANDS as u8;
+    config.first_band_nm = 400.0;
+    config.response = [1e6; 3 * BANDS].into_iter().collect();
+    config
 }
 
 /// Irradiance for some 4000 e⁻ in the brightest column.

@@ -23,14 +23,16 @@ pub struct RowMemory<'m, A: Arith> {
     pub sums: &'m mut [Sums<A::Sum>],
 }
 
-/// Memory of a rig; its sizes are the rig's limits.
+/// Memory of a rig; its sizes are the rig's limits. It computes in the arithmetics that it has rows
+/// for.
+#[non_exhaustive]
 pub struct Memory<'m> {
     /// Rows for [`camrig_rig_link::message::NumberFormat::F32`].
     #[cfg(feature = "float")]
-    pub float: RowMemory<'m, Float>,
+    pub float: Option<RowMemory<'m, Float>>,
     /// Rows for [`camrig_rig_link::message::NumberFormat::Fixed`].
     #[cfg(feature = "fixed")]
-    pub fixed: RowMemory<'m, Fixed>,
+    pub fixed: Option<RowMemory<'m, Fixed>>,
     /// Mantissas of the band that is arriving, and the DN of the row that is being sent. One per
     /// pixel.
     pub mantissas: &'m mut [u16],
@@ -41,4 +43,40 @@ pub struct Memory<'m> {
     pub crosstalk: &'m mut [f32],
     /// Largest number of bands of a row.
     pub max_bands: u16,
+}
+
+impl<'m> Memory<'m> {
+    /// Memory for bands, the crosstalk table and `max_bands` bands; rows are added for each
+    /// arithmetic ([`Memory::with_float`], [`Memory::with_fixed`]).
+    pub const fn new(
+        mantissas: &'m mut [u16],
+        exponents: &'m mut [i8],
+        crosstalk: &'m mut [f32],
+        max_bands: u16,
+    ) -> Self {
+        Self {
+            #[cfg(feature = "float")]
+            float: None,
+            #[cfg(feature = "fixed")]
+            fixed: None,
+            mantissas,
+            exponents,
+            crosstalk,
+            max_bands,
+        }
+    }
+
+    /// The same with rows for f32.
+    #[cfg(feature = "float")]
+    #[must_use]
+    pub fn with_float(self, rows: RowMemory<'m, Float>) -> Self {
+        Self { float: Some(rows), ..self }
+    }
+
+    /// The same with rows for fixed point.
+    #[cfg(feature = "fixed")]
+    #[must_use]
+    pub fn with_fixed(self, rows: RowMemory<'m, Fixed>) -> Self {
+        Self { fixed: Some(rows), ..self }
+    }
 }

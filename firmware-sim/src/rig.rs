@@ -53,19 +53,18 @@ impl<'m> Rig<'m> {
     fn max_width(&self) -> usize {
         let bands = self.memory.mantissas.len().min(self.memory.exponents.len() * GROUP);
         #[cfg(feature = "float")]
-        let bands = bands.min(self.memory.float.sums.len() * GROUP);
+        let bands = self.memory.float.as_ref().map_or(bands, |m| bands.min(m.sums.len() * GROUP));
         #[cfg(feature = "fixed")]
-        let bands = bands.min(self.memory.fixed.sums.len() * GROUP);
+        let bands = self.memory.fixed.as_ref().map_or(bands, |m| bands.min(m.sums.len() * GROUP));
         bands.min(usize::from(u16::MAX))
     }
 
     fn row_blocks(&self, arithmetic: NumberFormat) -> Option<usize> {
         match arithmetic {
             #[cfg(feature = "float")]
-            NumberFormat::F32 => Some(self.memory.float.rows.len()),
+            NumberFormat::F32 => self.memory.float.as_ref().map(|m| m.rows.len()),
             #[cfg(feature = "fixed")]
-            NumberFormat::Fixed => Some(self.memory.fixed.rows.len()),
-            #[allow(unreachable_patterns, reason = "with both arithmetics compiled in")]
+            NumberFormat::Fixed => self.memory.fixed.as_ref().map(|m| m.rows.len()),
             _ => None,
         }
     }
@@ -84,6 +83,7 @@ pub fn frame_shape(config: &SensorConfig, codec: Codec, raw_bits: u8) -> Option<
     let bands = match codec {
         Codec::Bfp16 => usize::from(config.bands),
         Codec::Electrons16 => 1,
+        _ => return None,
     };
     Some(FrameShape {
         rows: u16::try_from(config.height).ok()?,
@@ -100,13 +100,11 @@ impl Model for Rig<'_> {
         let mut memory_bytes =
             size_of_val(self.memory.mantissas) + size_of_val(self.memory.exponents);
         #[cfg(feature = "float")]
-        {
-            let rows = &self.memory.float;
+        if let Some(rows) = &self.memory.float {
             memory_bytes += size_of_val(rows.rows) + size_of_val(rows.sums);
         }
         #[cfg(feature = "fixed")]
-        {
-            let rows = &self.memory.fixed;
+        if let Some(rows) = &self.memory.fixed {
             memory_bytes += size_of_val(rows.rows) + size_of_val(rows.sums);
         }
         Capabilities {
@@ -119,7 +117,7 @@ impl Model for Rig<'_> {
             arithmetics: bit(NumberFormat::F32) | bit(NumberFormat::Fixed),
             codecs: 1 << Codec::Bfp16 as u8 | 1 << Codec::Electrons16 as u8,
             memory_bytes: memory_bytes as u32,
-            effects: Effect::AVAILABLE,
+            effects: Effect::CATALOGUE.iter().map(|entry| entry.id).collect(),
             camera: 0,
         }
     }
@@ -174,12 +172,10 @@ impl Model for Rig<'_> {
         if ring > MAX_RING || needed > there {
             return Err(Refusal::Effects);
         }
-        let settings = FrameSettings {
-            frame: frame.frame,
-            exposure_s: exposure.exposure_s,
-            analog_gain: exposure.analog_gain,
-            temperature_c: frame.temperature_c,
-        };
+        let settings = FrameSettings::new(exposure.exposure_s)
+            .with_frame(frame.frame)
+            .with_gain(exposure.analog_gain)
+            .with_temperature(frame.temperature_c);
         settings.check().map_err(|_| Refusal::Exposure)?;
         let seed = config.seed;
         #[cfg(feature = "defmt")]
@@ -190,7 +186,7 @@ impl Model for Rig<'_> {
             settings.analog_gain
         );
         self.frame = Some(Frame::new(*frame, settings, shape, registers));
-        Ok(Begun { shape, seed })
+        Ok(Begun::new(shape, seed))
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {

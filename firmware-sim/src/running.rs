@@ -126,10 +126,8 @@ impl<'r, A: Arith> Running<'r, A> {
     #[inline(always)]
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
         let groups = self.exponents.len();
-        let bands = match self.frame.begin.codec {
-            Codec::Bfp16 => usize::from(self.config.bands),
-            Codec::Electrons16 => 1,
-        };
+        let in_bands = self.frame.begin.codec == Codec::Bfp16;
+        let bands = if in_bands { usize::from(self.config.bands) } else { 1 };
         if first == 0 {
             self.sums.fill([A::Sum::default(); GROUP]);
         }
@@ -160,11 +158,10 @@ impl<'r, A: Arith> Running<'r, A> {
         let (units, _) = units.as_chunks::<UNIT_BYTES>();
         for (band, units) in units.chunks_exact(self.exponents.len()).enumerate() {
             let groups = units.iter().map(group_of);
-            match self.frame.begin.codec {
-                Codec::Bfp16 => self.collector.add_groups(row.into(), band, groups, self.sums),
-                Codec::Electrons16 => {
-                    self.collector.add_rates(groups, self.frame.settings.exposure_s, self.sums);
-                }
+            if self.frame.begin.codec == Codec::Bfp16 {
+                self.collector.add_groups(row.into(), band, groups, self.sums);
+            } else {
+                self.collector.add_rates(groups, self.frame.settings.exposure_s, self.sums);
             }
         }
         self.keep(row.into());
@@ -271,6 +268,7 @@ fn test_pattern(pattern: u16, solid: u16, max: u16, row: u16, dn: &mut [u16]) {
 
 /// A frame in progress, in the arithmetic that it asked for.
 #[allow(clippy::large_enum_variant, reason = "both are alike but for padding")]
+#[non_exhaustive]
 pub enum AnyRunning<'r> {
     /// In f32.
     #[cfg(feature = "float")]
@@ -303,15 +301,14 @@ impl<'r> AnyRunning<'r> {
         match frame.begin.arithmetic {
             #[cfg(feature = "float")]
             NumberFormat::F32 => {
-                let rows = &mut memory.float;
+                let rows = memory.float.as_mut()?;
                 Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Float)
             }
             #[cfg(feature = "fixed")]
             NumberFormat::Fixed => {
-                let rows = &mut memory.fixed;
+                let rows = memory.fixed.as_mut()?;
                 Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Fixed)
             }
-            #[allow(unreachable_patterns, reason = "with both arithmetics compiled in")]
             _ => None,
         }
     }

@@ -26,6 +26,7 @@ pub struct Buffers<'m> {
 
 /// Why [`serve`] ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ServeError<E> {
     /// The link failed.
     Link(E),

@@ -30,14 +30,9 @@ fn with_rig(sink: Option<&mut Interface>, test: impl FnOnce(&mut Rig<'_>)) {
     let (mut mantissas, mut exponents, mut crosstalk) = ([0; WIDTH], [0; 4], [0.0; 16]);
     let mut rig = Rig::new(
         "test",
-        Memory {
-            float: RowMemory { rows: &mut float.0, sums: &mut float.1 },
-            fixed: RowMemory { rows: &mut fixed.0, sums: &mut fixed.1 },
-            mantissas: &mut mantissas,
-            exponents: &mut exponents,
-            crosstalk: &mut crosstalk,
-            max_bands: 8,
-        },
+        Memory::new(&mut mantissas, &mut exponents, &mut crosstalk, 8)
+            .with_float(RowMemory { rows: &mut float.0, sums: &mut float.1 })
+            .with_fixed(RowMemory { rows: &mut fixed.0, sums: &mut fixed.1 }),
     );
     if let Some(sink) = sink {
         rig.set_sink(sink);

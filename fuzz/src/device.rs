@@ -20,14 +20,9 @@ pub fn converse(data: &[u8]) {
     let (mut mantissas, mut exponents, mut table) = ([0; WIDTH], [0; 4], [0.0; 64]);
     let mut rig = Rig::new(
         "fuzz",
-        Memory {
-            float: RowMemory { rows: &mut rows, sums: &mut sums },
-            fixed: RowMemory { rows: &mut fixed_rows, sums: &mut fixed_sums },
-            mantissas: &mut mantissas,
-            exponents: &mut exponents,
-            crosstalk: &mut table,
-            max_bands: 8,
-        },
+        Memory::new(&mut mantissas, &mut exponents, &mut table, 8)
+            .with_float(RowMemory { rows: &mut rows, sums: &mut sums })
+            .with_fixed(RowMemory { rows: &mut fixed_rows, sums: &mut fixed_sums }),
     );
     let mut device = Device::<128>::new(600, 32);
     let mut receivers =

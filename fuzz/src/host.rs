@@ -49,7 +49,9 @@ const SHAPE: FrameShape =
 
 /// Four operations, answered with packets of [kind, length, body...].
 pub fn converse(data: &[u8]) {
-    let limits = Limits { timeout: 10, idle_steps: 5, ..Limits::default() };
+    let mut limits = Limits::default();
+    limits.timeout = 10;
+    limits.idle_steps = 5;
     let mut host = Host::new(limits, [0; ROWS]);
     let mut io = Io([[0; RAW]; ROWS]);
     let (mut now, mut seq, mut rest) = (1, 0u16, data);

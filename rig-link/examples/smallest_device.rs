@@ -109,7 +109,7 @@ impl Model for Smallest {
             return Err(Refusal::Packing);
         }
         self.exposure_s = exposure.exposure_s;
-        Ok(Begun { shape: SHAPE, seed: 0 })
+        Ok(Begun::new(SHAPE, 0))
     }
 
     /// Electrons per second = mantissa x 2^exponent.

@@ -85,11 +85,19 @@ pub trait RowSink {
 
 /// What a model answers when it has begun a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Begun {
     /// Sizes on the link.
     pub shape: FrameShape,
     /// The camera's seed.
     pub seed: u64,
+}
+
+impl Begun {
+    /// A frame of these sizes, with the camera's seed.
+    pub const fn new(shape: FrameShape, seed: u64) -> Self {
+        Self { shape, seed }
+    }
 }
 
 /// Answers that may wait to be sent. A host has one operation at a time, so few ever wait; where

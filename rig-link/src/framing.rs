@@ -18,6 +18,7 @@ use core::fmt;
 
 /// How packets are separated. Lengths are little-endian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Framing {
     /// COBS with zero bytes between packets.
     Cobs,

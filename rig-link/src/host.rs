@@ -29,6 +29,7 @@ pub trait FrameIo {
 
 /// Time limits of the host and the amounts that it handles at once.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Limits {
     /// Longest packet that the host accepts, bytes. Short packets are more likely to pass a bad
     /// link.
@@ -96,6 +97,7 @@ pub enum Poll {
 
 /// How an operation ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Event {
     /// A session is open; see [`Host::device`].
     Connected,
@@ -155,6 +157,7 @@ impl fmt::Display for Event {
 
 /// Counters of a host since it was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct HostStatistics {
     /// Packets sent.
     pub sent: u64,

@@ -1,9 +1,11 @@
 //! The link between a host and a camera rig: packets, framing, and the state machine of each end.
 //!
 //! A rig is a device that computes what an image sensor would read out: it receives the light of a
-//! frame as spectral rows and answers with raw rows. The link is sans-IO: bytes and the time go
-//! in, bytes and events come out. Nothing here reads a port or a clock, allocates, or knows what a
-//! sensor is. Layers, from bottom to top:
+//! frame as spectral rows and answers with raw rows. The principal type is [`Device`](device::Device),
+//! the end of a rig: a firmware implements its [`Model`](device::Model); the other end is
+//! [`Host`](host::Host). The link is sans-IO: bytes and the time go in, bytes and events come out.
+//! Nothing here reads a port or a clock, allocates, or knows what a sensor is. Layers, from bottom
+//! to top:
 //!
 //! * [`framing`] separates packets on a byte stream or in reports of USB HID (human interface
 //!   device);
@@ -85,7 +87,11 @@
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+/// Where the texts of [`message`] come from.
+pub use heapless;
+
 pub mod device;
+mod effect_set;
 pub mod framing;
 pub mod host;
 pub mod message;

@@ -2,7 +2,15 @@
 //!
 //! Enums only grow at their ends: the number of a variant on the link is its position. A message
 //! that this version does not know is answered with [`Nack::Unsupported`] and otherwise ignored.
+//! Structs have the fields of the protocol's version and gain none.
+//!
+//! # Error codes
+//! Why a device says no is a [`Nack`]; its [`code`](Nack::code) names it for programs:
+//! `no-session`, `no-transfer`, `unsupported`, `register`, or that of a [`Refusal`]: `no-camera`,
+//! `bad-camera`, `camera-too-long`, `effects`, `too-wide`, `too-many-bands`, `wrong-shape`,
+//! `arithmetic`, `codec`, `packing`, `exposure`.
 
+pub use crate::effect_set::EffectSet;
 use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
@@ -69,15 +77,15 @@ pub struct Capabilities {
     pub codecs: u8,
     /// Memory of the device's rows and buffers, bytes.
     pub memory_bytes: u32,
-    /// Effects of the sensor model that the firmware has, as a bit set of `1 <<` number in the
-    /// catalogue of `camrig-sensor-core`.
-    pub effects: u64,
+    /// Effects of the sensor model that the firmware has.
+    pub effects: EffectSet,
     /// Identity of the camera that the device holds; 0 for none.
     pub camera: u64,
 }
 
 /// Number format of the device's sensor model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum NumberFormat {
     /// IEEE 754 single precision.
     F32,
@@ -90,6 +98,7 @@ pub enum NumberFormat {
 /// On a scene of high dynamic range that is at worst 0.012 of a pixel's own noise; 12-bit
 /// mantissas would save a quarter of the bytes and make it 0.18.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Codec {
     /// Irradiance, W m⁻² nm⁻¹: the units of one band after those of the other.
     Bfp16,
@@ -196,6 +205,7 @@ pub struct FrameStart {
 /// A fault that the device was asked to simulate, to test the error handling of an image signal
 /// processor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Fault {
     /// None.
     #[default]
@@ -212,6 +222,7 @@ pub enum Fault {
 
 /// From host to device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum ToDevice {
     /// Begin a frame.
     FrameBegin(FrameBegin),
@@ -231,6 +242,7 @@ pub enum ToDevice {
 
 /// From device to host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum ToHost {
     /// A frame has begun.
     FrameStart(FrameStart),
@@ -255,6 +267,7 @@ pub enum ToHost {
 
 /// Why the device refuses a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Nack {
     /// It knows no such session: it was switched off and on, or another host has connected.
     NoSession,
@@ -270,6 +283,7 @@ pub enum Nack {
 
 /// What a device's model cannot do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub enum Refusal {
     /// The device has no camera yet.
     NoCamera,
@@ -334,6 +348,19 @@ impl fmt::Display for Nack {
 
 impl core::error::Error for Nack {}
 
+impl Nack {
+    /// A name for programs, which does not change when the text does.
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::NoSession => "no-session",
+            Self::NoTransfer(_) => "no-transfer",
+            Self::Unsupported(_) => "unsupported",
+            Self::Register(_) => "register",
+            Self::Refused(refusal) => refusal.code(),
+        }
+    }
+}
+
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -385,6 +412,25 @@ impl fmt::Display for Refusal {
 }
 
 impl core::error::Error for Refusal {}
+
+impl Refusal {
+    /// A name for programs, which does not change when the text does.
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::NoCamera => "no-camera",
+            Self::BadCamera => "bad-camera",
+            Self::CameraTooLong { .. } => "camera-too-long",
+            Self::Effects => "effects",
+            Self::TooWide { .. } => "too-wide",
+            Self::TooManyBands { .. } => "too-many-bands",
+            Self::WrongShape => "wrong-shape",
+            Self::Arithmetic => "arithmetic",
+            Self::Codec => "codec",
+            Self::Packing => "packing",
+            Self::Exposure => "exposure",
+        }
+    }
+}
 
 /// Counters of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -465,7 +511,7 @@ mod tests {
                 arithmetics: 255,
                 codecs: 255,
                 memory_bytes: u32::MAX,
-                effects: u64::MAX,
+                effects: (0..=u8::MAX).collect(),
                 camera: u64::MAX,
             }),
         };

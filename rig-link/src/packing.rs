@@ -20,6 +20,7 @@ use core::fmt;
 
 /// How samples of a row are laid out in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Packing {
     /// 8 bits in one byte.
     Raw8,

@@ -40,6 +40,7 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
 /// What a packet's body is. Number 8 is taken: early devices had it for a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[non_exhaustive]
 pub enum Kind {
     /// Host: [`crate::message::Hello`]. Device: [`crate::message::HelloReply`]. The only kind
     /// whose layout no later version may change.
@@ -102,6 +103,7 @@ pub struct Packet<'a> {
 
 /// Why bytes are not a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Reject {
     /// Too short, or the CRC does not match.
     Damaged,

@@ -9,14 +9,14 @@ use common::*;
 
 fn limits() -> Limits {
     // Short packets: at a chance of 1 % per byte one of 100 bytes comes through every third time.
-    Limits {
-        packet_bytes: 72,
-        credit: 8,
-        send_bytes: 120,
-        rows_ahead: 1,
-        timeout: 100_000,
-        idle_steps: 60,
-    }
+    let mut limits = Limits::default();
+    limits.packet_bytes = 72;
+    limits.credit = 8;
+    limits.send_bytes = 120;
+    limits.rows_ahead = 1;
+    limits.timeout = 100_000;
+    limits.idle_steps = 60;
+    limits
 }
 
 /// Connects with patience: a Hello is as exposed to the faults as anything else.

@@ -61,7 +61,7 @@ fn the_first_message_and_its_answer() {
         arithmetics: 3,
         codecs: 1,
         memory_bytes: 128,
-        effects: 0x81,
+        effects: [0, 7].into_iter().collect(),
         camera: 5,
     };
     let reply = HelloReply { version: 1, oldest: 1, newest: 2, device: Some(device) };

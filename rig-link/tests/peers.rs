@@ -306,7 +306,9 @@ fn a_host_keeps_rows_of_an_attempt_that_began_alike_alone() {
 #[test]
 fn a_host_sends_no_more_than_its_credit() {
     for credit in [1, 3, 8] {
-        let mut guest = Guest::new(Limits { send_bytes: 60, ..Limits::default() }, credit);
+        let mut limits = Limits::default();
+        limits.send_bytes = 60;
+        let mut guest = Guest::new(limits, credit);
         guest.begin();
         let parts = |sent: &[Header]| sent.iter().filter(|h| h.kind == Kind::Part).count();
         let sent = guest.sent();
@@ -322,7 +324,9 @@ fn a_host_sends_no_more_than_its_credit() {
 
 #[test]
 fn a_device_that_talks_and_gets_no_further_is_given_up() {
-    let limits = Limits { timeout: 100_000, idle_steps: 10, ..Limits::default() };
+    let mut limits = Limits::default();
+    limits.timeout = 100_000;
+    limits.idle_steps = 10;
     // Each of them renews the wait for the next packet; none is of use.
     let mut raw = vec![0; RawHeader::BYTES + RAW_BYTES];
     RawHeader { transfer: 77, row: 0, offset: 0, row_crc: 0 }.write(&mut raw);
@@ -351,7 +355,9 @@ fn a_device_that_talks_and_gets_no_further_is_given_up() {
 
 #[test]
 fn a_camera_that_comes_and_goes_is_given_up() {
-    let limits = Limits { timeout: 100_000, idle_steps: 10, ..Limits::default() };
+    let mut limits = Limits::default();
+    limits.timeout = 100_000;
+    limits.idle_steps = 10;
     let mut guest = Guest::new(limits, 64);
     guest.io.camera = vec![0; 1000];
     guest.host.send_camera(5, 1000);

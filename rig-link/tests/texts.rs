@@ -21,7 +21,9 @@ fn refusals_name_the_limit_and_a_remedy() {
         (Refusal::Packing, "8, 10, 12, 14 or 16"),
         (Refusal::Exposure, "positive finite"),
     ];
+    let documented = include_str!("../src/message.rs").split("pub use").next().unwrap();
     for (refusal, part) in refusals {
+        assert!(documented.contains(&format!("`{}`", refusal.code())), "{}", refusal.code());
         let text = refusal.to_string();
         assert!(text.contains(part), "{text}");
         assert_eq!(Event::Refused(Nack::Refused(refusal)).to_string(), text);

@@ -62,47 +62,34 @@ impl Memory {
 
 /// A Bayer sensor, 12 bits. On a rig it arrives over the link, in postcard.
 fn sensor() -> SensorConfig {
-    SensorConfig {
-        width: WIDTH as u32,
-        height: HEIGHT,
-        pattern: Pattern { width: 2, height: 2, channels: [0, 1, 1, 2].into_iter().collect() },
-        channels: 3,
-        bands: BANDS as u8,
-        first_band_nm: 425.0,
-        band_step_nm: 50.0,
-        // Electrons per second for 1 W m⁻² nm⁻¹ over the band: red, green, blue.
-        response: [
-            [1e6, 1e6, 2e6, 8e6, 2e7, 1.8e7],
-            [2e6, 1.2e7, 2.2e7, 1.5e7, 4e6, 2e6],
-            [1.6e7, 1.8e7, 6e6, 1e6, 5e5, 5e5],
-        ]
-        .into_iter()
-        .flatten()
-        .collect(),
-        full_well_e: 10_000.0,
-        bits: 12,
-        black_level_dn: 64.0,
-        seed: 1,
-        table: Default::default(),
-        // In the order of the physics: light, photo-electrons, charge, voltage.
-        effects: [
-            ShotNoise {}.into(),
-            Prnu { sigma: 0.01 }.into(),
-            DarkCurrent {
-                mean_e_per_s: 20.0,
-                dsnu_e_per_s: 5.0,
-                doubling_c: 7.0,
-                reference_c: 25.0,
-            }
+    let mut config = SensorConfig::new(WIDTH as u32, HEIGHT);
+    config.pattern = Pattern::new(2, 2, [0, 1, 1, 2]);
+    config.channels = 3;
+    config.bands = BANDS as u8;
+    config.first_band_nm = 425.0;
+    config.band_step_nm = 50.0;
+    config.response = [
+        [1e6, 1e6, 2e6, 8e6, 2e7, 1.8e7],
+        [2e6, 1.2e7, 2.2e7, 1.5e7, 4e6, 2e6],
+        [1.6e7, 1.8e7, 6e6, 1e6, 5e5, 5e5],
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    config.seed = 1;
+    config.effects = [
+        ShotNoise {}.into(),
+        Prnu { sigma: 0.01 }.into(),
+        DarkCurrent { mean_e_per_s: 20.0, dsnu_e_per_s: 5.0, doubling_c: 7.0, reference_c: 25.0 }
             .into(),
-            ChargeCoupling { side: 0.01, vertical: 0.01, diagonal: 0.0 }.into(),
-            FullWell { full_well_e: 10_000.0, knee: 0.0 }.into(),
-            RowOffsetFpn { sigma_e: 0.5 }.into(),
-            ReadNoise { read_e: 2.5, read_e_post: 1.0 }.into(),
-        ]
-        .into_iter()
-        .collect(),
-    }
+        ChargeCoupling { side: 0.01, vertical: 0.01, diagonal: 0.0 }.into(),
+        FullWell { full_well_e: 10_000.0, knee: 0.0 }.into(),
+        RowOffsetFpn { sigma_e: 0.5 }.into(),
+        ReadNoise { read_e: 2.5, read_e_post: 1.0 }.into(),
+    ]
+    .into_iter()
+    .collect();
+    config
 }
 
 /// One frame, row by row.
@@ -148,8 +135,7 @@ fn irradiance(x: usize) -> f32 {
 
 fn main() -> Result<(), ConfigError> {
     let config = sensor();
-    let settings =
-        FrameSettings { frame: 0, exposure_s: 0.02, analog_gain: 1.0, temperature_c: 25.0 };
+    let settings = FrameSettings::new(0.02);
     let mut memory = Memory::new();
     assert_eq!(memory.rows.len(), memory_blocks(&config));
     println!("{} bytes of memory", size_of::<Memory>());

@@ -22,6 +22,7 @@ pub const MAX_SIDE: u32 = 32_768;
 
 /// A colour filter pattern: the channel of each pixel of a tile that repeats over the sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Pattern {
     /// Columns of the tile: 1, 2, 3, 4, 6 or 8.
     pub width: u8,
@@ -32,6 +33,14 @@ pub struct Pattern {
 }
 
 impl Pattern {
+    /// A tile of `width` columns and `height` rows with these channels, row by row:
+    /// `Pattern::new(2, 2, [0, 1, 1, 2])` is red, green, green, blue. [`SensorConfig::check`]
+    /// refuses a list that is too long or too short.
+    pub fn new(width: u8, height: u8, channels: impl IntoIterator<Item = u8>) -> Self {
+        let channels = channels.into_iter().take(MAX_PATTERN * MAX_PATTERN).collect();
+        Self { width, height, channels }
+    }
+
     /// The channel at column x, row y.
     #[inline(always)]
     pub fn channel(&self, x: usize, y: usize) -> usize {
@@ -40,8 +49,9 @@ impl Pattern {
     }
 }
 
-/// A sensor.
+/// A sensor. [`SensorConfig::new`] makes a simple one, whose fields are then set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct SensorConfig {
     /// Pixels in a row.
     pub width: u32,
@@ -76,8 +86,9 @@ pub struct SensorConfig {
     pub table: heapless::Vec<f32, MAX_TABLE>,
 }
 
-/// What may change from frame to frame.
+/// What may change from frame to frame. [`FrameSettings::new`] makes those of a first frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct FrameSettings {
     /// Frame number: selects the temporal noise.
     pub frame: u32,
@@ -201,7 +212,60 @@ impl fmt::Display for ConfigError {
 
 impl core::error::Error for ConfigError {}
 
+impl ConfigError {
+    /// A name for programs, which does not change when the text does: `size`, `pattern`, `bands`,
+    /// `response`, `converter`, `settings`, `memory`, `crosstalk`, `parameter`, `order`, `table` or
+    /// `windows`.
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Self::Size => "size",
+            Self::Pattern => "pattern",
+            Self::Bands => "bands",
+            Self::Response => "response",
+            Self::Converter => "converter",
+            Self::Settings => "settings",
+            Self::Memory => "memory",
+            Self::Crosstalk => "crosstalk",
+            Self::Parameter { .. } => "parameter",
+            Self::Order { .. } => "order",
+            Self::Table { .. } => "table",
+            Self::Windows { .. } => "windows",
+        }
+    }
+}
+
 impl SensorConfig {
+    /// A monochrome sensor without noise, to be changed field by field: one band at 550 nm with a
+    /// response of 1 e⁻/s per W m⁻² nm⁻¹, 12 bits over a full well of 10 000 e⁻, a black level of
+    /// 64 DN, seed 0, and no effects.
+    ///
+    /// ```
+    /// use camrig_sensor_core::config::{Pattern, SensorConfig};
+    /// let mut sensor = SensorConfig::new(640, 480);
+    /// sensor.pattern = Pattern::new(2, 2, [0, 1, 1, 2]);
+    /// sensor.channels = 3;
+    /// sensor.response = [1e6, 2e6, 1e6].into_iter().collect();
+    /// assert_eq!(sensor.check(), Ok(()));
+    /// ```
+    pub fn new(width: u32, height: u32) -> Self {
+        Self {
+            width,
+            height,
+            pattern: Pattern::new(1, 1, [0]),
+            channels: 1,
+            bands: 1,
+            first_band_nm: 550.0,
+            band_step_nm: 10.0,
+            response: [1.0].into_iter().collect(),
+            full_well_e: 10_000.0,
+            bits: 12,
+            black_level_dn: 64.0,
+            seed: 0,
+            effects: heapless::Vec::new(),
+            table: heapless::Vec::new(),
+        }
+    }
+
     /// Checks everything that the row loop relies on: sizes, pattern, response, converter, and the
     /// chain of effects.
     ///
@@ -293,6 +357,35 @@ impl SensorConfig {
 }
 
 impl FrameSettings {
+    /// Frame 0 with this integration time, s, at unity gain and 25 °C.
+    pub const fn new(exposure_s: f32) -> Self {
+        Self { frame: 0, exposure_s, analog_gain: 1.0, temperature_c: 25.0 }
+    }
+
+    /// The same with another frame number.
+    #[must_use]
+    pub const fn with_frame(self, frame: u32) -> Self {
+        Self { frame, ..self }
+    }
+
+    /// The same with another integration time, s.
+    #[must_use]
+    pub const fn with_exposure(self, exposure_s: f32) -> Self {
+        Self { exposure_s, ..self }
+    }
+
+    /// The same with another analogue gain, 1 = unity.
+    #[must_use]
+    pub const fn with_gain(self, analog_gain: f32) -> Self {
+        Self { analog_gain, ..self }
+    }
+
+    /// The same at another temperature, °C.
+    #[must_use]
+    pub const fn with_temperature(self, temperature_c: f32) -> Self {
+        Self { temperature_c, ..self }
+    }
+
     /// Checks that exposure and gain are positive finite numbers and the temperature is finite.
     ///
     /// # Errors

@@ -7,15 +7,16 @@
 //! refuses any other); effects of one domain act in the order in which they are listed.
 //!
 //! # Adding an effect
-//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, parameters with
-//! units and ranges) and its [`Stage`]; one line in the `catalogue!` below; one feature in
-//! `Cargo.toml`; one test. Numbers in the catalogue name random streams and travel over the rig's
-//! link: never reuse one.
+//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, domain, class,
+//! parameters with units and ranges) and its [`Stage`]; one line in the `catalogue!` below; one
+//! feature in `Cargo.toml`; one test. Numbers in the catalogue name random streams and travel over
+//! the rig's link, and so do the parameters by their order: neither ever changes. An effect that
+//! needs another parameter is a new effect.
 //!
 //! # Leaving effects out
 //! The base model, effects 1 to 7, is always compiled: eq. 10 of Chen et al. 2009 and the coupling
 //! of neighbours. Every other effect is compiled with the cargo feature of its name; `catalogue`
-//! is all of them. [`Effect::CATALOGUE`] and [`Effect::AVAILABLE`] list what this build has.
+//! is all of them. [`Effect::CATALOGUE`] lists what this build has.
 
 mod context;
 mod declare;
@@ -31,6 +32,7 @@ use core::fmt;
 /// Where in the signal chain an effect acts. Signals are in electrons everywhere, referred to the
 /// input: the voltage is signal x conversion gain x analog gain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum Domain {
     /// Mean photo-electrons before shot noise, e⁻.
     Light,
@@ -42,20 +44,45 @@ pub enum Domain {
     Voltage,
 }
 
-impl fmt::Display for Domain {
+impl Domain {
     /// The quantity that effects of this domain act on.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+    pub const fn name(self) -> &'static str {
+        match self {
             Self::Light => "light",
             Self::Photo => "photo-electrons",
             Self::Charge => "charge",
             Self::Voltage => "voltage",
-        })
+        }
     }
+}
+
+impl fmt::Display for Domain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What an effect is to a picture: how light becomes signal, or a kind of noise or pattern on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Class {
+    /// Shapes the mean signal: full well, non-linearity, crosstalk, illumination and the like.
+    Response,
+    /// Shot noise of light.
+    Shot,
+    /// Any other noise that changes from frame to frame.
+    Temporal,
+    /// Fixed pattern: differences between pixels, rows or columns that stay.
+    Pattern,
+    /// Signal without light: dark current, glow.
+    Dark,
+    /// Single pixels that are out of order.
+    Defect,
 }
 
 /// What an effect reads in addition to the pixel itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Needs {
     /// Nothing.
     Pixel,
@@ -67,6 +94,7 @@ pub enum Needs {
 
 /// What an effect may read in addition to the row that it changes. Rows are in blocks, signals in
 /// e⁻.
+#[non_exhaustive]
 pub struct Inputs<'a, S> {
     /// The row above ([`Needs::Neighbours`]; at the upper edge the row below), else empty.
     pub above: &'a [Block<S>],
@@ -124,6 +152,7 @@ impl Parameter {
 
 /// An entry of the catalogue.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Entry {
     /// Number in random streams and on the link.
     pub id: u8,
@@ -133,6 +162,8 @@ pub struct Entry {
     pub doc: &'static str,
     /// Where it acts.
     pub domain: Domain,
+    /// What it is to a picture.
+    pub class: Class,
     /// What it reads.
     pub needs: Needs,
     /// Its parameters in order.
@@ -211,6 +242,16 @@ impl Effect {
             #[cfg(feature = "empirical")]
             Effect::Empirical(e) => e.domain(),
             _ => self.entry().domain,
+        }
+    }
+
+    /// What it is to a picture: what its entry says, but an empirical effect what its own quantity
+    /// makes it.
+    pub const fn class(&self) -> Class {
+        match self {
+            #[cfg(feature = "empirical")]
+            Effect::Empirical(e) => e.class(),
+            _ => self.entry().class,
         }
     }
 }

@@ -1,8 +1,10 @@
 //! A model of a CMOS image sensor, computed row by row: spectral irradiance in, raw digital
 //! numbers (DN) out.
 //!
-//! It runs on workstations and on microcontrollers: no allocator, no files, no lens, no link. From
-//! top to bottom:
+//! The principal type is [`Pipeline`](pipeline::Pipeline): it takes a
+//! [`SensorConfig`](config::SensorConfig), the [`FrameSettings`](config::FrameSettings) and the
+//! mean photo-electrons of a frame, and computes its rows. It runs on workstations and on
+//! microcontrollers: no allocator, no files, no lens, no link. From top to bottom:
 //!
 //! - [`pipeline`]: runs the signal chain row by row, with the few rows of memory that its effects
 //!   need.
@@ -38,42 +40,33 @@
 //! The base model is always there. `catalogue` (default) adds every other effect; a firmware with
 //! little flash leaves it out and names the effects that it needs, each by the feature of its name
 //! (`hot-pixels`, `image-lag`, ...). `texts` (default) keeps the descriptions of effects and
-//! parameters.
+//! parameters. Features only add: no `match` breaks where another crate switches one on.
+//!
+//! # Errors
+//! Whatever is refused is refused before the first row, with a [`ConfigError`](config::ConfigError);
+//! [`ConfigError::code`](config::ConfigError::code) names it for programs.
 //!
 //! # Example
 //! A flat field of 500 e⁻ through shot noise and read noise. `examples/row_loop.rs` starts from
 //! spectral irradiance instead, as a firmware does.
 //! ```
-//! use camrig_sensor_core::arith::{Arith, BLOCK, Float};
-//! use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
+//! use camrig_sensor_core::arith::{BLOCK, Float};
+//! use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 //! use camrig_sensor_core::effects::{read_noise::ReadNoise, shot_noise::ShotNoise};
 //! use camrig_sensor_core::pipeline::{Pipeline, memory_blocks};
 //!
-//! let config = SensorConfig {
-//!     width: 64,
-//!     height: 4,
-//!     pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
-//!     channels: 1,
-//!     bands: 1,
-//!     first_band_nm: 550.0,
-//!     band_step_nm: 10.0,
-//!     response: [1e6].into_iter().collect(),
-//!     full_well_e: 10_000.0,
-//!     bits: 12,
-//!     black_level_dn: 64.0,
-//!     seed: 1,
-//!     table: Default::default(),
-//!     effects: [ShotNoise {}.into(), ReadNoise { read_e: 2.0, read_e_post: 0.0 }.into()]
-//!         .into_iter()
-//!         .collect(),
-//! };
-//! let settings =
-//!     FrameSettings { frame: 0, exposure_s: 0.01, analog_gain: 1.0, temperature_c: 25.0 };
-//! let mut memory = vec![[0.0; BLOCK]; memory_blocks(&config)];
-//! let mut pipeline = Pipeline::<Float>::new(&config, &settings, &mut memory)?;
+//! let read_noise = ReadNoise { read_e: 2.0, read_e_post: 0.0 };
+//! let mut sensor = SensorConfig::new(64, 4);
+//! sensor.effects = [ShotNoise {}.into(), read_noise.into()].into_iter().collect();
+//!
+//! let mut memory = [[0.0; BLOCK]; 1];
+//! assert_eq!(memory.len(), memory_blocks(&sensor));
+//! let settings = FrameSettings::new(0.01);
+//! let mut pipeline = Pipeline::<Float>::new(&sensor, &settings, &mut memory)?;
 //! let mut flat = |_row: u32, out: &mut [[f32; BLOCK]]| out.fill([500.0; BLOCK]);
 //! let mut dn = [0; 64];
 //! pipeline.row(2, &mut flat, &mut dn);
+//!
 //! // 12 bits over a full well of 10 000 e⁻, above a black level of 64 DN.
 //! let mean = dn.iter().map(|&d| f32::from(d)).sum::<f32>() / 64.0;
 //! assert!((mean - (64.0 + 500.0 * 4095.0 / 10_000.0)).abs() < 8.0);
@@ -86,6 +79,9 @@
 
 #[cfg(test)]
 extern crate std;
+
+/// Where lists of fixed capacity come from, such as those of [`config::SensorConfig`].
+pub use heapless;
 
 pub mod arith;
 pub mod collect;

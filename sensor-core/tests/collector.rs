@@ -49,20 +49,15 @@ fn sums_agree_with_f64<A: Arith>() {
             let channels = 4.min(pattern_width);
             let pattern_height = 1 + (next() * 4.0) as u8;
             let cells = usize::from(pattern_width * pattern_height);
-            let pattern = Pattern {
-                width: pattern_width,
-                height: pattern_height,
-                channels: (0..cells).map(|_| (next() * f64::from(channels)) as u8).collect(),
-            };
+            let tile = (0..cells).map(|_| (next() * f64::from(channels)) as u8);
+            let pattern = Pattern::new(pattern_width, pattern_height, tile);
             let count = usize::from(channels) * usize::from(bands);
-            let config = SensorConfig {
-                pattern,
-                channels,
-                bands,
-                first_band_nm: 400.0,
-                response: (0..count).map(|_| (1e6 * next()) as f32).collect(),
-                ..monochrome(width, 3, &[])
-            };
+            let mut config = monochrome(width, 3, &[]);
+            config.pattern = pattern;
+            config.channels = channels;
+            config.bands = bands;
+            config.first_band_nm = 400.0;
+            config.response = (0..count).map(|_| (1e6 * next()) as f32).collect();
             check::<A>(&config, None, &mut next);
             for nodes in [1usize, 2, 5, 33] {
                 let mut rising = |n: usize, low: f64, high: f64| {

@@ -106,16 +106,20 @@ fn messages_say_what_where_and_what_is_accepted() {
 
 #[test]
 fn other_figures_out_of_range_are_refused() {
-    let base = monochrome(8, 2, &[]);
+    let with = |change: fn(&mut SensorConfig)| {
+        let mut config = monochrome(8, 2, &[]);
+        change(&mut config);
+        config
+    };
     let cases: [(SensorConfig, ConfigError); 8] = [
-        (SensorConfig { width: 0, ..base.clone() }, ConfigError::Size),
-        (SensorConfig { channels: 0, ..base.clone() }, ConfigError::Pattern),
-        (SensorConfig { first_band_nm: f32::NAN, ..base.clone() }, ConfigError::Bands),
-        (SensorConfig { band_step_nm: f32::INFINITY, ..base.clone() }, ConfigError::Bands),
-        (SensorConfig { bands: 2, ..base.clone() }, ConfigError::Response),
-        (SensorConfig { full_well_e: f32::NAN, ..base.clone() }, ConfigError::Converter),
-        (SensorConfig { bits: 7, ..base.clone() }, ConfigError::Converter),
-        (SensorConfig { black_level_dn: 65_535.0, ..base.clone() }, ConfigError::Converter),
+        (with(|c| c.width = 0), ConfigError::Size),
+        (with(|c| c.channels = 0), ConfigError::Pattern),
+        (with(|c| c.first_band_nm = f32::NAN), ConfigError::Bands),
+        (with(|c| c.band_step_nm = f32::INFINITY), ConfigError::Bands),
+        (with(|c| c.bands = 2), ConfigError::Response),
+        (with(|c| c.full_well_e = f32::NAN), ConfigError::Converter),
+        (with(|c| c.bits = 7), ConfigError::Converter),
+        (with(|c| c.black_level_dn = 65_535.0), ConfigError::Converter),
     ];
     for (config, error) in cases {
         assert_eq!(config.check(), Err(error), "{config:?}");

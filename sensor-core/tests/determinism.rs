@@ -90,7 +90,7 @@ fn everything() -> Vec<Vec<Effect>> {
 fn digest_of<A: Arith>(config: impl Fn(&[Effect]) -> SensorConfig) -> u64 {
     everything().iter().fold(0, |sum, effects| {
         let settings =
-            FrameSettings { frame: 7, exposure_s: 0.02, analog_gain: 2.0, temperature_c: 31.0 };
+            FrameSettings::new(0.02).with_frame(7).with_gain(2.0).with_temperature(31.0);
         let dn = frame::<A>(&config(effects), &settings, &mut Means(scene));
         sum.rotate_left(7) ^ digest(&dn)
     })
@@ -101,12 +101,13 @@ fn digest_of<A: Arith>(config: impl Fn(&[Effect]) -> SensorConfig) -> u64 {
 #[test]
 fn pinned_digests() {
     let mono = |effects: &[Effect]| monochrome(100, 6, effects);
-    let colour = |effects: &[Effect]| SensorConfig {
-        bits: 12,
-        full_well_e: 9000.0,
-        black_level_dn: 64.0,
-        seed: 99,
-        ..bayer(131, 7, effects)
+    let colour = |effects: &[Effect]| {
+        let mut config = bayer(131, 7, effects);
+        config.bits = 12;
+        config.full_well_e = 9000.0;
+        config.black_level_dn = 64.0;
+        config.seed = 99;
+        config
     };
     let got = [
         digest_of::<Float>(mono),

@@ -22,7 +22,7 @@ in_both_arithmetics! {
 }
 
 fn at(frame: u32) -> FrameSettings {
-    FrameSettings { frame, ..SETTINGS }
+    SETTINGS.with_frame(frame)
 }
 
 /// Mean of independent estimates and its standard error.
@@ -198,7 +198,7 @@ fn reset_noise<A: Arith>() {
     let effect = reset_noise::ResetNoise { capacitance_ff: 10.0, remaining: 1.0 };
     let config = monochrome(512, 128, &[effect.into()]);
     for celsius in [-25.0f64, 25.0] {
-        let settings = FrameSettings { temperature_c: celsius as f32, ..SETTINGS };
+        let settings = SETTINGS.with_temperature(celsius as f32);
         let v = flat::<A>(&config, &settings, 0.0);
         let (k, q) = (1.380_649e-23, 1.602_176_634e-19);
         let expected = k * (celsius + 273.15) * 10e-15 / (q * q);
@@ -241,7 +241,7 @@ fn flicker_banding<A: Arith>() {
         row_time_us: (row_time * 1e6) as f32,
     };
     let config = monochrome(4, 384, &[effect.into()]);
-    let settings = FrameSettings { exposure_s: 1.0 / 300.0, ..SETTINGS };
+    let settings = SETTINGS.with_exposure(1.0 / 300.0);
     let v = row_means(&flat::<A>(&config, &settings, 2000.0), 4);
     let (mut s, mut c) = (0.0, 0.0);
     for (y, v) in v.iter().enumerate() {
@@ -254,7 +254,7 @@ fn flicker_banding<A: Arith>() {
     let expected = 2000.0 * 0.5 * third.sin() / third;
     assert!((amplitude - expected).abs() < 0.05, "{amplitude} {expected}");
     assert!((mean(&v) - 2000.0).abs() < 0.05);
-    let whole_period = FrameSettings { exposure_s: 0.01, ..SETTINGS };
+    let whole_period = SETTINGS.with_exposure(0.01);
     let v = flat::<A>(&config, &whole_period, 2000.0);
     assert!(variance(&v) < 0.01, "a whole period averages out");
 }
@@ -398,7 +398,7 @@ fn dark_current_gradient<A: Arith>() {
         reference_c: 25.0,
     };
     let config = monochrome(64, 256, &[effect.into()]);
-    let warm = FrameSettings { temperature_c: 33.0, ..SETTINGS };
+    let warm = SETTINGS.with_temperature(33.0);
     for (settings, rate) in [(SETTINGS, 100.0), (warm, 200.0)] {
         for (x, v) in totals::<A>(&config, &settings).into_iter().enumerate() {
             let mu = rate * (1.0 - ((x as f64 + 0.5) / 32.0 - 1.0)) / 2.0;

@@ -6,7 +6,6 @@
 mod common;
 
 use camrig_sensor_core::arith::Arith;
-use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::effects::*;
 use common::*;
 
@@ -116,7 +115,7 @@ fn exposure_offset<A: Arith>() {
     let config = monochrome(256, 64, &[offset.into()]);
     let both = monochrome(256, 64, &[offset.into(), dark.into()]);
     for (asked, given) in [(25.0f64, 26.0f64), (29.0, 34.0), (1.0, 2.0)] {
-        let settings = FrameSettings { exposure_s: (asked * 1e-6) as f32, ..SETTINGS };
+        let settings = SETTINGS.with_exposure((asked * 1e-6) as f32);
         let v = flat::<A>(&config, &settings, 1000.0);
         assert!((v[0] - 1000.0 * given / asked).abs() < HALF, "{} {asked}", v[0]);
         let v = flat::<A>(&both, &settings, 0.0);
@@ -132,9 +131,10 @@ fn readout_channel_mismatch<A: Arith>() {
     };
     let (mut offsets, mut gains) = (Vec::new(), Vec::new());
     for seed in 0..200 {
-        let with = |e: readout_channel_mismatch::ReadoutChannelMismatch| SensorConfig {
-            seed,
-            ..monochrome(70, 2, &[e.into()])
+        let with = |e: readout_channel_mismatch::ReadoutChannelMismatch| {
+            let mut config = monochrome(70, 2, &[e.into()]);
+            config.seed = seed;
+            config
         };
         let v = flat::<A>(&with(effect(4.0, 10.0, 0.0)), &SETTINGS, 0.0);
         assert!((0..140).all(|i| v[i] == v[i % 70 % 4]), "repeats over columns and rows");
@@ -171,7 +171,7 @@ fn pixel_offset_fpn<A: Arith>() {
         monochrome(256, 256, &[pixel_offset_fpn::PixelOffsetFpn { sigma_e: 30.0 }.into()]);
     let v = flat::<A>(&config, &SETTINGS, 0.0);
     near_variance("variance over pixels", variance(&v), 900.0, v.len(), 0.0);
-    let later = FrameSettings { frame: 9, exposure_s: 1.0, ..SETTINGS };
+    let later = SETTINGS.with_frame(9).with_exposure(1.0);
     assert_eq!(v, flat::<A>(&config, &later, 0.0), "in each frame and exposure");
 }
 
@@ -186,7 +186,8 @@ fn prnu_low_frequency<A: Arith>() {
     let powers: Vec<f64> = (0..300)
         .map(|seed| {
             let effect = prnu_low_frequency::PrnuLowFrequency { sigma: 0.02, order: 3.0 };
-            let config = SensorConfig { seed, ..monochrome(48, 32, &[effect.into()]) };
+            let mut config = monochrome(48, 32, &[effect.into()]);
+            config.seed = seed;
             let v = flat::<A>(&config, &SETTINGS, 4000.0);
             let m: Vec<f64> = v.iter().map(|v| v / 4000.0 - 1.0).collect();
             assert!(mean(&m).abs() < 1e-4, "waves without the constant one");
@@ -204,7 +205,7 @@ fn prnu_correlated<A: Arith>() {
     let config = monochrome(w as u32, h as u32, &[effect.into()]);
     let v = flat::<A>(&config, &SETTINGS, 4000.0);
     let m: Vec<f64> = v.iter().map(|v| (v / 4000.0 - 1.0) / 0.02).collect();
-    assert_eq!(v, flat::<A>(&config, &FrameSettings { frame: 5, ..SETTINGS }, 4000.0));
+    assert_eq!(v, flat::<A>(&config, &SETTINGS.with_frame(5), 4000.0));
     // Variance of a covariance over n pixels (Bartlett 1946): at most 2 Σ ρ²/n, and Σ ρ² over all
     // lags is (1 + 2/4)².
     let sd = (2.0 * 2.25 / (w * h) as f64).sqrt();
@@ -239,7 +240,7 @@ fn black_level_offset<A: Arith>() {
     };
     let config = bayer(70, 2, &[effect.into()]);
     for (analog_gain, exposure_s) in [(1.0, 0.01), (4.0, 0.05)] {
-        let settings = FrameSettings { analog_gain, exposure_s, ..SETTINGS };
+        let settings = SETTINGS.with_gain(analog_gain).with_exposure(exposure_s);
         let dn = frame::<A>(&config, &settings, &mut Means(|_, _| 0.0));
         let common =
             BLACK + 5.0 + 2.0 * f64::from(analog_gain - 1.0) + 100.0 * f64::from(exposure_s);
@@ -321,13 +322,11 @@ fn fringing<A: Arith>() {
 
 /// Codes of a ramp of 32 levels per code, from −1/2 on, over an 8-bit converter.
 fn converted<A: Arith>(effect: adc_nonlinearity::AdcNonlinearity, seed: u64) -> Vec<u16> {
-    let config = SensorConfig {
-        bits: 8,
-        full_well_e: 255.0,
-        black_level_dn: 0.0,
-        seed,
-        ..monochrome(256 * 32, 1, &[effect.into()])
-    };
+    let mut config = monochrome(256 * 32, 1, &[effect.into()]);
+    config.bits = 8;
+    config.full_well_e = 255.0;
+    config.black_level_dn = 0.0;
+    config.seed = seed;
     let ramp = |x: u32, _| (x as f32 + 0.5) / 32.0 - 0.5;
     frame::<A>(&config, &SETTINGS, &mut Means(ramp))
 }

@@ -3,7 +3,7 @@
 mod common;
 
 use camrig_sensor_core::arith::Arith;
-use camrig_sensor_core::config::{ConfigError, FrameSettings, SensorConfig};
+use camrig_sensor_core::config::{ConfigError, SensorConfig};
 use camrig_sensor_core::effects::empirical::{Empirical, Quantity, Shape};
 use camrig_sensor_core::effects::{Domain, Effect};
 use common::*;
@@ -48,7 +48,7 @@ fn sensor(width: u32, height: u32, effect: Empirical, words: &[f32]) -> SensorCo
 
 /// A frame over a flat mean, e⁻.
 fn shot<A: Arith>(config: &SensorConfig, frame: u32, mean_e: f32) -> Vec<f64> {
-    flat::<A>(config, &FrameSettings { frame, ..SETTINGS }, mean_e)
+    flat::<A>(config, &SETTINGS.with_frame(frame), mean_e)
 }
 
 fn seams_step_where_they_begin<A: Arith>() {
@@ -109,7 +109,7 @@ fn gains_multiply_and_dark_current_has_shot_noise<A: Arith>() {
     // The dark current of the right half doubles in 7 K: 2 · 50 e⁻/s · 0.2 s = 20 e⁻ more.
     let rate = effect(Quantity::Dark, Shape::Seam, 50.0);
     let config = sensor(512, 64, rate, &[256.0, 0.0, 1.0]);
-    let settings = FrameSettings { exposure_s: 0.2, temperature_c: 32.0, ..SETTINGS };
+    let settings = SETTINGS.with_exposure(0.2).with_temperature(32.0);
     let v = flat::<A>(&config, &settings, 100.0);
     let right: Vec<f64> = v.chunks(512).flat_map(|r| r[256..].iter().copied()).collect();
     let n = right.len();

@@ -24,27 +24,21 @@ fn config(full_well_e: f32) -> SensorConfig {
             3.3e8 * (0.02 + 0.6 * (-d * d).exp())
         })
     });
-    SensorConfig {
-        width: WIDTH as u32,
-        height: HEIGHT as u32,
-        pattern: Pattern { width: 2, height: 2, channels: [0, 1, 1, 2].into_iter().collect() },
-        channels: 3,
-        bands: BANDS as u8,
-        first_band_nm: 400.0,
-        band_step_nm: 10.0,
-        response: response.collect(),
-        full_well_e,
-        bits: 12,
-        black_level_dn: 64.0,
-        seed: 1,
-        table: Default::default(),
-        effects: [
-            ChargeCoupling { side: 0.012, vertical: 0.009, diagonal: 0.002 }.into(),
-            FullWell { full_well_e, knee: 0.0 }.into(),
-        ]
-        .into_iter()
-        .collect(),
-    }
+    let mut config = SensorConfig::new(WIDTH as u32, HEIGHT as u32);
+    config.pattern = Pattern::new(2, 2, [0, 1, 1, 2]);
+    config.channels = 3;
+    config.bands = BANDS as u8;
+    config.first_band_nm = 400.0;
+    config.response = response.collect();
+    config.full_well_e = full_well_e;
+    config.seed = 1;
+    config.effects = [
+        ChargeCoupling { side: 0.012, vertical: 0.009, diagonal: 0.002 }.into(),
+        FullWell { full_well_e, knee: 0.0 }.into(),
+    ]
+    .into_iter()
+    .collect();
+    config
 }
 
 fn table() -> Table {
@@ -124,8 +118,7 @@ fn cost<A: Arith>() -> (f64, f64) {
     for full_well_e in [2e3, 7e3, 3e4, 1e5] {
         for analog_gain in [1.0, 2.7, 16.0] {
             let config = config(full_well_e);
-            let settings =
-                FrameSettings { frame: 0, exposure_s: 0.013, analog_gain, temperature_c: 25.0 };
+            let settings = FrameSettings::new(0.013).with_gain(analog_gain);
             let cube = cube(&config, &settings);
             let want = reference(&config, &settings, &table, &cube);
             for (dn, want) in simulate::<A>(&config, &settings, &table, &cube).iter().zip(want) {

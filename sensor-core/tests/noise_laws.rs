@@ -3,7 +3,7 @@
 mod common;
 
 use camrig_sensor_core::arith::Arith;
-use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::config::SensorConfig;
 use camrig_sensor_core::effects::{
     charge_coupling::ChargeCoupling, dark_current::DarkCurrent, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, row_temporal_noise::RowTemporalNoise, shot_noise::ShotNoise,
@@ -18,11 +18,10 @@ in_both_arithmetics! {
 
 /// Counts as DN: no black level, one DN per electron.
 fn counter(width: u32, height: u32) -> SensorConfig {
-    SensorConfig {
-        full_well_e: 65_535.0,
-        black_level_dn: 0.0,
-        ..monochrome(width, height, &[ShotNoise {}.into()])
-    }
+    let mut config = monochrome(width, height, &[ShotNoise {}.into()]);
+    config.full_well_e = 65_535.0;
+    config.black_level_dn = 0.0;
+    config
 }
 
 fn counts_have_the_exact_law<A: Arith>() {
@@ -78,7 +77,7 @@ fn prnu<A: Arith>() {
     let v = flat::<A>(&config, &SETTINGS, 4000.0);
     near("mean gain", mean(&v), 4000.0, 80.0 / (v.len() as f64).sqrt());
     near_variance("variance of gains", variance(&v), 6400.0, v.len(), 0.0);
-    let half = flat::<A>(&config, &FrameSettings { frame: 5, ..SETTINGS }, 2000.0);
+    let half = flat::<A>(&config, &SETTINGS.with_frame(5), 2000.0);
     // Both rounded to 1/8 e⁻.
     assert!(v.iter().zip(half).all(|(a, b)| (a - 2.0 * b).abs() < 0.2), "a gain, fixed");
 }
@@ -87,7 +86,7 @@ fn read_noise_splits_at_the_gain<A: Arith>() {
     let effects = [ReadNoise { read_e: 20.0, read_e_post: 16.0 }.into()];
     let config = monochrome(512, 128, &effects);
     for analog_gain in [1.0f64, 2.0, 8.0] {
-        let settings = FrameSettings { analog_gain: analog_gain as f32, ..SETTINGS };
+        let settings = SETTINGS.with_gain(analog_gain as f32);
         let v = flat::<A>(&config, &settings, 0.0);
         let rounding = (1.0 / DN_PER_E / analog_gain).powi(2) / 12.0;
         let expected = 400.0 - 256.0 + 256.0 / (analog_gain * analog_gain) + rounding;
@@ -108,7 +107,7 @@ fn dark_current_doubles<A: Arith>() {
         (0.01, 44.0, 480.0),
         (0.01, 2.0, 3.75),
     ] {
-        let settings = FrameSettings { exposure_s, temperature_c, ..SETTINGS };
+        let settings = SETTINGS.with_exposure(exposure_s).with_temperature(temperature_c);
         let v = flat::<A>(&config, &settings, 0.0);
         let n = v.len();
         near("mean", mean(&v), expected, (expected / n as f64).sqrt());
@@ -121,9 +120,9 @@ fn dark_pattern_has_the_stated_spread<A: Arith>() {
     for (mean_e, spread_e) in [(200.0f64, 30.0f64), (10.0, 10.0)] {
         let effect = dark(100.0 * mean_e as f32, 100.0 * spread_e as f32);
         let config = monochrome(512, 256, &[effect.into()]);
-        let settings = FrameSettings { temperature_c: 20.0, ..SETTINGS };
+        let settings = SETTINGS.with_temperature(20.0);
         let a = flat::<A>(&config, &settings, 0.0);
-        let b = flat::<A>(&config, &FrameSettings { frame: 1, ..settings }, 0.0);
+        let b = flat::<A>(&config, &settings.with_frame(1), 0.0);
         let n = a.len() as f64;
         let total = variance(&a);
         near("mean", mean(&a), mean_e, (total / n).sqrt());
@@ -142,8 +141,7 @@ fn row_pattern<A: Arith>() {
     let effects =
         [RowOffsetFpn { sigma_e: 12.0 }.into(), RowTemporalNoise { sigma_e: 5.0 }.into()];
     let config = monochrome(2, 8192, &effects);
-    let rows =
-        |frame| row_means(&flat::<A>(&config, &FrameSettings { frame, ..SETTINGS }, 0.0), 2);
+    let rows = |frame| row_means(&flat::<A>(&config, &SETTINGS.with_frame(frame), 0.0), 2);
     let (a, b) = (rows(0), rows(1));
     let n = a.len();
     near_variance("variance of rows", variance(&a), 169.0, n, 0.0);
@@ -162,8 +160,9 @@ fn fixed_and_temporal_parts<A: Arith>() {
     ];
     let config = monochrome(256, 512, &effects);
     let v = |frame, seed| {
-        let config = SensorConfig { seed, ..config.clone() };
-        flat::<A>(&config, &FrameSettings { frame, ..SETTINGS }, 3000.0)
+        let mut config = config.clone();
+        config.seed = seed;
+        flat::<A>(&config, &SETTINGS.with_frame(frame), 3000.0)
     };
     let (a, b, other) = (v(0, 1), v(1, 1), v(0, 2));
     assert_eq!(a, v(0, 1), "repeatable");
@@ -237,9 +236,9 @@ fn noise_variance_agrees_with_isetcam<A: Arith>() {
         ];
         // Steps of 1/8 e⁻ for small signals, so that rounding is no matter.
         let full_well_e = 8191.0f32.max(2.5 * (signal + dark_e) as f32);
-        let config = SensorConfig { full_well_e, ..monochrome(width, height, &effects) };
-        let settings =
-            FrameSettings { exposure_s: exposure_s as f32, temperature_c: 20.0, ..SETTINGS };
+        let mut config = monochrome(width, height, &effects);
+        config.full_well_e = full_well_e;
+        let settings = SETTINGS.with_exposure(exposure_s as f32).with_temperature(20.0);
         let v = flat::<A>(&config, &settings, signal as f32);
         let theirs_only =
             p * p * (2.0 * signal * dark_e + dark_e * dark_e + dark_e + read_e * read_e);
@@ -258,12 +257,10 @@ fn noise_variance_agrees_with_isetcam<A: Arith>() {
 /// DN for voltages with eq. 11's step, swing / (2^bits − 1).
 fn quantisation_agrees_with_isetcam<A: Arith>() {
     for row in golden("g_quantization.csv") {
-        let config = SensorConfig {
-            bits: row[0] as u8,
-            full_well_e: 16_000.0,
-            black_level_dn: 0.0,
-            ..monochrome(1, 1, &[])
-        };
+        let mut config = monochrome(1, 1, &[]);
+        config.bits = row[0] as u8;
+        config.full_well_e = 16_000.0;
+        config.black_level_dn = 0.0;
         let dn = frame::<A>(&config, &SETTINGS, &mut Means(|_, _| (row[2] / 5e-5) as f32));
         // Where the voltage is half way between two codes either will do.
         let exact = row[2] / 0.8 * f64::from(config.max_dn());

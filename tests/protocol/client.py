@@ -103,7 +103,7 @@ EXPOSURE = [("exposure_s", "f32"), ("analog_gain", "f32")]
 SHAPE = [("rows", "varint"), ("units", "varint"), ("unit_bytes", "varint"), ("raw_bytes", "varint"), ("halo", "u8")]
 DEVICE = [("firmware", "text"), ("packet_bytes", "varint"), ("credit", "varint"), ("max_width", "varint"),
           ("max_bands", "varint"), ("max_camera", "varint"), ("arithmetics", "u8"), ("codecs", "u8"),
-          ("memory_bytes", "varint"), ("effects", "varint"), ("camera", "varint")]
+          ("memory_bytes", "varint"), ("effects", "set"), ("camera", "varint")]
 FAULT = ["None", "DropFrame", ("CorruptRow", [("row", "varint")]), "StuckCounter", ("LateFrame", [("ms", "varint")])]
 REFUSAL = ["NoCamera", "BadCamera", ("CameraTooLong", [("max", "varint")]), "Effects", ("TooWide", [("max", "varint")]),
            ("TooManyBands", [("max", "varint")]), "WrongShape", "Arithmetic", "Codec", "Packing", "Exposure"]
@@ -147,6 +147,8 @@ def write(kind, value):
         return bytes([bool(value)])
     if kind == "varint":
         return varint(value)
+    if kind == "set":
+        return varint(sum(1 << number for number in value))
     if kind == "f32":
         return struct.pack("<f", value)
     if kind == "text":
@@ -180,6 +182,9 @@ def read(kind, r):
         return bool(r.u8())
     if kind == "varint":
         return r.varint()
+    if kind == "set":
+        bits = r.varint()
+        return [number for number in range(256) if bits >> number & 1]
     if kind == "f32":
         return r.f32()
     if kind == "text":

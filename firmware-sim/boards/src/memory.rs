@@ -75,16 +75,11 @@ pub struct Parts {
 /// Hands out the memory, once. `firmware`: name and version, as the rig reports them.
 pub fn take(firmware: &'static str) -> Option<Parts> {
     let rows = RowMemory { rows: SIGNALS.take()?, sums: SUMS.take()? };
-    let memory = Memory {
-        #[cfg(feature = "float")]
-        float: rows,
-        #[cfg(feature = "fixed")]
-        fixed: rows,
-        mantissas: MANTISSAS.take()?,
-        exponents: EXPONENTS.take()?,
-        crosstalk: TABLE.take()?,
-        max_bands: BANDS,
-    };
+    let memory = Memory::new(MANTISSAS.take()?, EXPONENTS.take()?, TABLE.take()?, BANDS);
+    #[cfg(feature = "float")]
+    let memory = memory.with_float(rows);
+    #[cfg(feature = "fixed")]
+    let memory = memory.with_fixed(rows);
     let buffers = Buffers {
         input: INPUT.take()?,
         packet: PACKET_BYTES.take()?,

@@ -202,7 +202,7 @@ fn info(args: &InfoArgs) -> Result<()> {
     let d = rig.device();
     let s = rig.device_statistics()?;
     let effects: Vec<&str> = (Effect::CATALOGUE.iter())
-        .filter(|entry| d.effects >> entry.id & 1 == 1)
+        .filter(|entry| d.effects.contains(entry.id))
         .map(|entry| entry.kind)
         .collect();
     let arithmetics: Vec<&str> = Arithmetic::ALL

@@ -385,8 +385,8 @@ pub fn expose_frames(
             Some(hdr) => {
                 let [long, short] = hdr.frames(settings.frame);
                 let exposure_s = settings.exposure_s / hdr.ratio() as f32;
-                let long = take(&FrameSettings { frame: long, ..settings })?;
-                let short = take(&FrameSettings { frame: short, exposure_s, ..settings })?;
+                let long = take(&settings.with_frame(long))?;
+                let short = take(&settings.with_frame(short).with_exposure(exposure_s))?;
                 hdr.interleave(&long, &short)?
             }
         };

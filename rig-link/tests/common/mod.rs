@@ -84,16 +84,11 @@ impl Model for Toy {
     fn capabilities(&self) -> Capabilities {
         Capabilities {
             firmware: "toy".try_into().unwrap(),
-            packet_bytes: 0,
-            credit: 0,
             max_width: WIDTH as u16,
             max_bands: BANDS as u16,
-            max_camera: 0,
             arithmetics: 1,
             codecs: 1,
-            memory_bytes: 0,
-            effects: 0,
-            camera: 0,
+            ..Default::default()
         }
     }
 
@@ -122,7 +117,7 @@ impl Model for Toy {
         }
         self.frame = frame.frame;
         self.rows = Default::default();
-        Ok(Begun { shape: SHAPE, seed: 1 })
+        Ok(Begun::new(SHAPE, 1))
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {

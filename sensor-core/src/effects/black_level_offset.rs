@@ -9,7 +9,7 @@ effect! {
     ///
     /// DN += b + b_G (G − 1) + b_t t + b_p before rounding, where G is the analogue gain, t the
     /// exposure, and p = 2 (y mod 2) + x mod 2 the colour plane of a 2x2 pattern.
-    BlackLevelOffset, "black-level-offset", Voltage, Pixel {
+    BlackLevelOffset, "black-level-offset", Voltage, Response, Pixel {
         /// Constant part
         offset_dn: "DN", -1e4..=1e4, default 0.0;
         /// Part per unit of analog gain above 1

@@ -12,7 +12,7 @@ effect! {
     /// `diagonal` at the corners, and 1 minus their sum in the centre. Beyond the edges the array
     /// continues as its mirror image, so a flat field stays flat. Charge is conserved, except what
     /// crosses those edges. Moore, Ninkov & Forrest 2004.
-    ChargeCoupling, "charge-coupling", Charge, Neighbours {
+    ChargeCoupling, "charge-coupling", Charge, Response, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
         side: "1", 0.0..=0.125;
         /// Fraction that goes to the neighbour above and below, each

@@ -8,7 +8,7 @@ effect! {
     ///
     /// v *= 1 + σ z(x), with z standard normal and fixed. EMVA 1288 release 4.0, column part of
     /// PRNU.
-    ColumnGainFpn, "column-gain-fpn", Voltage, Pixel {
+    ColumnGainFpn, "column-gain-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over columns of the relative gain
         sigma: "1", 0.0..=0.14;
     }

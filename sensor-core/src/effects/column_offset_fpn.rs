@@ -8,7 +8,7 @@ effect! {
     ///
     /// v += σ z(x), with z standard normal and fixed. Input-referred. EMVA 1288 release 4.0,
     /// column part of DSNU.
-    ColumnOffsetFpn, "column-offset-fpn", Voltage, Pixel {
+    ColumnOffsetFpn, "column-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over columns
         sigma_e: "e-", 0.0..=1e5;
     }

@@ -10,7 +10,7 @@ effect! {
     /// v += σ z(x, frame), with z standard normal, white over columns and frames. Input-referred.
     /// Janesick 2007. The counterpart for rows is
     /// [`row_temporal_noise`](super::row_temporal_noise).
-    ColumnTemporalNoise, "column-temporal-noise", Voltage, Pixel {
+    ColumnTemporalNoise, "column-temporal-noise", Voltage, Temporal, Pixel {
         /// Standard deviation over frames of a column's offset
         sigma_e: "e-", 0.0..=1e5;
     }

@@ -9,7 +9,7 @@ effect! {
     ///
     /// The response has slope 1 up to the first knee, the first slope between the knees, and the
     /// second slope beyond the second knee. Knees are given on the scale before compression.
-    Companding, "companding", Voltage, Pixel {
+    Companding, "companding", Voltage, Response, Pixel {
         /// First knee as a fraction of full well
         knee_1: "1", 0.0..=1.0;
         /// Slope from there on

@@ -12,7 +12,7 @@ effect! {
     /// q += Poisson(t g I (1 + u cos θ + v sin θ)/2), not below 0, with u, v in −1..1 over the
     /// array and g the growth with temperature as in [`dark_current`](super::dark_current). It
     /// adds to the uniform dark current.
-    DarkCurrentGradient, "dark-current-gradient", Charge, Pixel {
+    DarkCurrentGradient, "dark-current-gradient", Charge, Dark, Pixel {
         /// Rate at the middle of the far edge, at the reference temperature
         rate_e_per_s: "e-/s", 0.0..=1e6;
         /// Direction in which it rises, 0 to the right, 90 down

@@ -5,16 +5,19 @@
 /// ```text
 /// effect! {
 ///     /// What it is, equation, source.
-///     RowTemporalNoise, "row-temporal-noise", Voltage, Pixel {
+///     RowTemporalNoise, "row-temporal-noise", Voltage, Temporal, Pixel {
 ///         /// Standard deviation over frames of a row's offset
 ///         sigma_e: "e-", 0.0..=1e4;
 ///     }
 /// }
 /// ```
+///
+/// Behind the name stand its [`Domain`](crate::effects::Domain), its
+/// [`Class`](crate::effects::Class) and what it reads ([`Needs`](crate::effects::Needs)).
 macro_rules! effect {
     (
         $(#[doc = $doc:literal])+
-        $name:ident, $kind:literal, $domain:ident, $needs:ident {
+        $name:ident, $kind:literal, $domain:ident, $class:ident, $needs:ident {
             $(
                 $(#[doc = $pdoc:literal])+
                 $key:ident: $unit:literal, $min:literal..=$max:literal
@@ -39,6 +42,7 @@ macro_rules! effect {
                 kind: $kind,
                 doc: $crate::effects::text(concat!($($doc, "\n"),+)),
                 domain: $crate::effects::Domain::$domain,
+                class: $crate::effects::Class::$class,
                 needs: $crate::effects::Needs::$needs,
                 parameters: &[$(
                     $crate::effects::Parameter {
@@ -70,13 +74,29 @@ macro_rules! effect {
 }
 
 /// Declares the catalogue: the modules, the enum [`Effect`](crate::effects::Effect) and its
-/// dispatch. An effect with `if "FEATURE"` is compiled with that feature of the crate only.
+/// dispatch. An effect with `if "FEATURE"` is compiled with that feature of the crate only. Numbers
+/// that do not rise, as where one is taken twice, and a feature that is not the effect's name do
+/// not compile.
 macro_rules! catalogue {
     ($($id:literal => $module:ident::$name:ident $(if $feature:literal)?,)+) => {
         $($(#[cfg(feature = $feature)])? pub mod $module;)+
 
-        /// Any effect of the catalogue.
+        const _: () = assert!(
+            $crate::effects::declare::rises(&[$($id),+]),
+            "an effect's number must be above all before it: none is used twice"
+        );
+        $($(
+            #[cfg(feature = $feature)]
+            const _: () = assert!(
+                $crate::effects::declare::same($module::$name::ENTRY.kind, $feature),
+                "the feature of an effect has its name"
+            );
+        )?)+
+
+        /// Any effect of the catalogue. Releases and features add variants, so that a `match`
+        /// needs an arm for the others.
         #[derive(Clone, Copy, Debug, PartialEq)]
+        #[non_exhaustive]
         #[allow(missing_docs)]
         pub enum Effect { $($(#[cfg(feature = $feature)])? $name($module::$name),)+ }
 
@@ -84,13 +104,6 @@ macro_rules! catalogue {
             /// The effects that are compiled in, in the order of their numbers.
             pub const CATALOGUE: &'static [Entry] =
                 &[$($(#[cfg(feature = $feature)])? Entry { id: $id, ..$module::$name::ENTRY },)+];
-
-            /// The effects that are compiled in, as a bit set of `1 <<` number.
-            pub const AVAILABLE: u64 = {
-                let mut set = 0;
-                $($(#[cfg(feature = $feature)])? { set |= 1 << $id; })+
-                set
-            };
 
             /// Its entry in the catalogue.
             pub const fn entry(&self) -> &'static Entry {
@@ -158,3 +171,26 @@ macro_rules! catalogue {
 }
 
 pub(crate) use {catalogue, effect};
+
+/// Whether each number is above the one before it, the first above 0.
+pub(super) const fn rises(numbers: &[u8]) -> bool {
+    let (mut before, mut i) = (0, 0);
+    while i < numbers.len() {
+        if numbers[i] <= before {
+            return false;
+        }
+        before = numbers[i];
+        i += 1;
+    }
+    true
+}
+
+/// Whether two names are the same.
+pub(super) const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut i = 0;
+    while i < a.len() && i < b.len() && a[i] == b[i] {
+        i += 1;
+    }
+    i == a.len() && i == b.len()
+}

@@ -9,7 +9,7 @@ effect! {
     ///
     /// The photo-electrons of a fixed fraction f of the pixels are multiplied by g. Chen et al.
     /// 2009, section VI: defects that only the captures show.
-    DefectivePixels, "defective-pixels", Photo, Pixel {
+    DefectivePixels, "defective-pixels", Photo, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
         /// Their gain relative to the rest; 0 is dead

@@ -7,7 +7,7 @@ mod line_noise;
 mod response;
 mod since_start;
 
-use super::{Context, Domain, Inputs, MAX_TABLE, Stage, effect};
+use super::{Class, Context, Domain, Inputs, MAX_TABLE, Stage, effect};
 use crate::arith::{Arith, BLOCK, Block};
 use crate::effects::dark_current::growth;
 use crate::math;
@@ -39,7 +39,7 @@ effect! {
     /// ends. All tables of a camera together have at most 1024 numbers. Limits: the row's mean
     /// stands for the signal of each of its pixels. Shapes as `camrig diagnose` finds them; EMVA
     /// 1288 release 4.0 for parts of rows and columns, Janesick 2001 for where they act.
-    Empirical, "empirical", Voltage, Pixel {
+    Empirical, "empirical", Voltage, Pattern, Pixel {
         /// What it changes: 0 offset, 1 gain, 2 dark current, 3 temporal noise, 4 response
         quantity: "1", 0.0..=4.0;
         /// Its shape: 0 row-flat, 1 column-flat, 2 row-profile, 3 column-profile, 4 seam, 5 wave,
@@ -62,6 +62,7 @@ effect! {
 
 /// What of the sensor an empirical effect changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Quantity {
     /// What every frame has, e⁻.
     Offset,
@@ -77,6 +78,7 @@ pub enum Quantity {
 
 /// How an empirical effect lies over the frame or the signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Shape {
     /// Common to a row, alike along it.
     RowFlat,
@@ -193,6 +195,16 @@ impl Empirical {
             (Quantity::Gain, _) => Domain::Photo,
             (Quantity::Dark, _) => Domain::Charge,
             _ => Domain::Voltage,
+        }
+    }
+
+    /// What it is to a picture.
+    pub const fn class(&self) -> Class {
+        match self.quantity() {
+            Quantity::Offset | Quantity::Gain => Class::Pattern,
+            Quantity::Dark => Class::Dark,
+            Quantity::Temporal => Class::Temporal,
+            Quantity::Response => Class::Response,
         }
     }
 

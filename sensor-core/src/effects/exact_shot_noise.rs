@@ -14,7 +14,7 @@ effect! {
     /// slower than the usual method. Two promises do not hold with it: results may differ between
     /// machines (logarithms of the platform), and a pixel's count depends on the means before it
     /// in its row. `Poisson` of the `rand_distr` crate; Ahrens & Dieter 1982.
-    ExactShotNoise, "exact-shot-noise", Light, Pixel {}
+    ExactShotNoise, "exact-shot-noise", Light, Shot, Pixel {}
 }
 
 impl Stage for ExactShotNoise {

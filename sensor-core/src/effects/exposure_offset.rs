@@ -10,7 +10,7 @@ effect! {
     ///
     /// t' = s round(t/s) + δ, not below 0; light and dark charge follow t'. In fixed point t'/t
     /// may be up to 8. Several of these in a chain act one after the other.
-    ExposureOffset, "exposure-offset", Light, Pixel {
+    ExposureOffset, "exposure-offset", Light, Response, Pixel {
         /// Error δ
         offset_us: "us", -1e4..=1e4, default 0.0;
         /// Step s of exposure times; 0 for any time

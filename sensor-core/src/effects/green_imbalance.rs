@@ -11,7 +11,7 @@ effect! {
     /// corners: + in rows with red (channel 0), − in the others. So g is the relative difference
     /// Gr − Gb. It acts on 2x2 patterns of three or four channels with red first and blue last,
     /// and on no others.
-    GreenImbalance, "green-imbalance", Photo, Pixel {
+    GreenImbalance, "green-imbalance", Photo, Pattern, Pixel {
         /// Difference g_0 in the centre
         centre: "1", -0.5..=0.5;
         /// Difference g_1 in the corners

@@ -13,7 +13,7 @@ effect! {
     /// A fixed fraction f of the pixels generates −s ln(u) e⁻/s more at the reference temperature,
     /// with u uniform, with shot noise, and growing with temperature as the dark current does.
     /// Widenhorn et al. 2002.
-    HotPixels, "hot-pixels", Charge, Pixel {
+    HotPixels, "hot-pixels", Charge, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
         /// Mean of their extra dark current at the reference temperature

@@ -9,7 +9,7 @@ effect! {
     /// n' = (1 − l) n + Poisson(l µ_before), with µ_before the pixel's mean photo-electrons in the
     /// previous frame. It reaches back one frame only: lag is not passed on a second time. A frame
     /// without a predecessor is taken to follow darkness. Janesick 2001; Fossum & Hondongwa 2014.
-    ImageLag, "image-lag", Photo, PreviousFrame {
+    ImageLag, "image-lag", Photo, Response, PreviousFrame {
         /// Fraction l that stays behind
         fraction: "1", 0.0..=0.5;
     }

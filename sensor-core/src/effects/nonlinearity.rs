@@ -8,7 +8,7 @@ effect! {
     /// Non-linearity: the gain of the source follower falls as the signal rises.
     ///
     /// v' = v (1 − a (v/W)^n) for v > 0, with W the full well. Janesick 2007.
-    Nonlinearity, "nonlinearity", Voltage, Pixel {
+    Nonlinearity, "nonlinearity", Voltage, Response, Pixel {
         /// Loss a at full well
         loss: "1", -0.5..=0.5;
         /// Exponent n

@@ -8,7 +8,7 @@ effect! {
     /// before the black level of the file is added.
     ///
     /// v = max(v, level), with the level relative to the black level.
-    OffsetClipping, "offset-clipping", Voltage, Pixel {
+    OffsetClipping, "offset-clipping", Voltage, Response, Pixel {
         /// Lowest signal
         level_e: "e-", -1e4..=1e4, default 0.0;
     }

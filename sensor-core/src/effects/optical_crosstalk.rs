@@ -13,7 +13,7 @@ effect! {
     /// conserved, except what crosses the edges of the array. There is one kernel for all
     /// wavelengths: as diffusion grows with wavelength, the parameters hold for the light with
     /// which they were measured. Chen et al. 2009, section IV-C.
-    OpticalCrosstalk, "optical-crosstalk", Light, Neighbours {
+    OpticalCrosstalk, "optical-crosstalk", Light, Response, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
         side: "1", 0.0..=0.125;
         /// Fraction that goes to the neighbour above and below, each

@@ -8,7 +8,7 @@ effect! {
     /// less light.
     ///
     /// n *= g where x mod P_x = x_0 and y mod P_y = y_0.
-    PdafPattern, "pdaf-pattern", Photo, Pixel {
+    PdafPattern, "pdaf-pattern", Photo, Pattern, Pixel {
         /// Columns P_x from one to the next
         period_x: "px", 1.0..=1024.0, default 16.0;
         /// Rows P_y from one to the next

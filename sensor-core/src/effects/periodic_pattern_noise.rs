@@ -11,7 +11,7 @@ effect! {
     ///
     /// v += A sin(2π(f_x x + f_y y) + φ_frame), with φ uniform. Input-referred; its variance is
     /// A²/2. Hambly et al. 2018.
-    PeriodicPatternNoise, "periodic-pattern-noise", Voltage, Pixel {
+    PeriodicPatternNoise, "periodic-pattern-noise", Voltage, Temporal, Pixel {
         /// Amplitude
         amplitude_e: "e-", 0.0..=1e5;
         /// Frequency along a row

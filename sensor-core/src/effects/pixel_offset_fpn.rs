@@ -8,7 +8,7 @@ effect! {
     ///
     /// v += σ z(x, y), with z standard normal and fixed. Input-referred. The part of EMVA 1288's
     /// DSNU that does not grow with exposure.
-    PixelOffsetFpn, "pixel-offset-fpn", Voltage, Pixel {
+    PixelOffsetFpn, "pixel-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over pixels
         sigma_e: "e-", 0.0..=1e5;
     }

@@ -13,7 +13,7 @@ effect! {
     /// and others not at all: the autocovariance of a box of one pixel's area (Bartlett's triangle
     /// along rows and columns). `prnu` is added for the part that is independent from pixel to
     /// pixel. Valid where `prnu` is.
-    PrnuCorrelated, "prnu-correlated", Photo, Pixel {
+    PrnuCorrelated, "prnu-correlated", Photo, Pattern, Pixel {
         /// Standard deviation over pixels of the relative gain
         sigma: "1", 0.0..=0.14;
     }

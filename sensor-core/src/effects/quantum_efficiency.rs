@@ -8,7 +8,7 @@ effect! {
     /// wavelengths alike.
     ///
     /// µ *= r. The mean changes, and the shot noise with it; the gain does not.
-    QuantumEfficiency, "quantum-efficiency", Light, Pixel {
+    QuantumEfficiency, "quantum-efficiency", Light, Response, Pixel {
         /// Photo-electrons relative to what the curve gives
         ratio: "1", 0.0..=10.0;
     }

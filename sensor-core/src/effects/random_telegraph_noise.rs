@@ -16,7 +16,7 @@ effect! {
     /// autocorrelation (1−q)^|n|. Any frame can be computed without the others: the last renewal
     /// is sought up to 128 frames back (at q = 0.03 one trap in fifty reaches that limit and
     /// starts afresh). Wang et al. 2006; Goiffon et al. 2009.
-    RandomTelegraphNoise, "random-telegraph-noise", Voltage, Pixel {
+    RandomTelegraphNoise, "random-telegraph-noise", Voltage, Temporal, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
         /// Mean of their amplitudes

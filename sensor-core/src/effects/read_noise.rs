@@ -12,7 +12,7 @@ effect! {
     /// r_post the part after the gain stage and G the analogue gain. Input-referred. N_read of eq.
     /// 10 of Chen et al. 2009 (white part, which falls as the analogue gain rises). For a
     /// different value in each pixel see the effect `read-noise-spread`.
-    ReadNoise, "read-noise", Voltage, Pixel {
+    ReadNoise, "read-noise", Voltage, Temporal, Pixel {
         /// Standard deviation at unity gain
         read_e: "e-", 0.0..=1e5;
         /// The part added after the gain stage, at most the whole

@@ -8,7 +8,7 @@ effect! {
     /// either side, and couple into each other.
     ///
     /// v(x) += c v(W − 1 − x): a faint mirror image. Freyhammer et al. 2001.
-    ReadoutChannelCrosstalk, "readout-channel-crosstalk", Voltage, Pixel {
+    ReadoutChannelCrosstalk, "readout-channel-crosstalk", Voltage, Response, Pixel {
         /// Coupling c
         coupling: "1", -0.1..=0.1;
     }

@@ -10,7 +10,7 @@ effect! {
     ///
     /// v = v (1 + σ_g z_g(x mod n)) + σ_o z_o(x mod n), with z standard normal and fixed.
     /// Input-referred.
-    ReadoutChannelMismatch, "readout-channel-mismatch", Voltage, Pixel {
+    ReadoutChannelMismatch, "readout-channel-mismatch", Voltage, Pattern, Pixel {
         /// Channels n
         channels: "1", 1.0..=16.0;
         /// Standard deviation of their offsets

@@ -11,7 +11,7 @@ effect! {
     /// temperature. Correlated double sampling removes all but a part of it. Janesick 2007,
     /// section
     /// 7.
-    ResetNoise, "reset-noise", Voltage, Pixel {
+    ResetNoise, "reset-noise", Voltage, Temporal, Pixel {
         /// Capacitance of the sense node
         capacitance_ff: "fF", 0.0..=1e3;
         /// Part that correlated double sampling leaves

@@ -9,7 +9,7 @@ effect! {
     ///
     /// v += σ z(y), with z standard normal: N_fpn of eq. 10 of Chen et al. 2009, a vector over
     /// rows with zero mean. Input-referred.
-    RowOffsetFpn, "row-offset-fpn", Voltage, Pixel {
+    RowOffsetFpn, "row-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over rows
         sigma_e: "e-", 0.0..=1e5;
     }

@@ -10,7 +10,7 @@ effect! {
     ///
     /// v += σ z(y, frame), with z standard normal, white over rows and frames. Input-referred. Wei
     /// et al. 2020.
-    RowTemporalNoise, "row-temporal-noise", Voltage, Pixel {
+    RowTemporalNoise, "row-temporal-noise", Voltage, Temporal, Pixel {
         /// Standard deviation over frames of a row's offset
         sigma_e: "e-", 0.0..=1e5;
     }

@@ -15,7 +15,7 @@ effect! {
     /// 1e-7 below 16, where counts rarer than 6e-8 do not occur. The bench `sensor` prints
     /// chi-square over 1e8 draws. For exact counts see the effect `exact-shot-noise` (feature of
     /// the same name).
-    ShotNoise, "shot-noise", Light, Pixel {}
+    ShotNoise, "shot-noise", Light, Shot, Pixel {}
 }
 
 impl Stage for ShotNoise {

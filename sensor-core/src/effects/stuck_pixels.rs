@@ -8,7 +8,7 @@ effect! {
     ///
     /// A fixed fraction f of the pixels reads `level` x full well at the converter's input; 1 and
     /// above is stuck white.
-    StuckPixels, "stuck-pixels", Voltage, Pixel {
+    StuckPixels, "stuck-pixels", Voltage, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
         /// Their signal as a fraction of full well

@@ -12,27 +12,18 @@ use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 pub const DN_PER_E: f64 = 8.0;
 pub const BLACK: f64 = 2048.0;
 
-pub const SETTINGS: FrameSettings =
-    FrameSettings { frame: 0, exposure_s: 0.01, analog_gain: 1.0, temperature_c: 25.0 };
+pub const SETTINGS: FrameSettings = FrameSettings::new(0.01);
 
 /// A monochrome sensor with a 16-bit converter of 1/8 e⁻ per step, so that DN tell electrons.
 pub fn monochrome(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
-    SensorConfig {
-        width,
-        height,
-        pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
-        channels: 1,
-        bands: 1,
-        first_band_nm: 550.0,
-        band_step_nm: 10.0,
-        response: [1e6].into_iter().collect(),
-        full_well_e: (65_535.0 / DN_PER_E) as f32,
-        bits: 16,
-        black_level_dn: BLACK as f32,
-        seed: 20_260_101,
-        table: Default::default(),
-        effects: effects.iter().copied().collect(),
-    }
+    let mut config = SensorConfig::new(width, height);
+    config.response = [1e6].into_iter().collect();
+    config.full_well_e = (65_535.0 / DN_PER_E) as f32;
+    config.bits = 16;
+    config.black_level_dn = BLACK as f32;
+    config.seed = 20_260_101;
+    config.effects = effects.iter().copied().collect();
+    config
 }
 
 /// The effects that their parameters alone describe: all but the empirical one, which has a table.
@@ -42,12 +33,11 @@ pub fn catalogue() -> impl Iterator<Item = &'static Entry> {
 
 /// A Bayer sensor with the same converter.
 pub fn bayer(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
-    SensorConfig {
-        pattern: Pattern { width: 2, height: 2, channels: [0, 1, 1, 2].into_iter().collect() },
-        channels: 3,
-        response: [1e6; 3].into_iter().collect(),
-        ..monochrome(width, height, effects)
-    }
+    let mut config = monochrome(width, height, effects);
+    config.pattern = Pattern::new(2, 2, [0, 1, 1, 2]);
+    config.channels = 3;
+    config.response = [1e6; 3].into_iter().collect();
+    config
 }
 
 /// Mean electrons from a function of column and row.

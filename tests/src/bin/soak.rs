@@ -31,14 +31,12 @@ const FRAMES_PER_S: f64 = 30.0;
 const ONE_IN: u64 = 100;
 const EXPOSURE_S: f64 = 0.01;
 /// Short packets, of which more than half arrive whole, and a short wait where one does not.
-const LIMITS: Limits = Limits {
-    packet_bytes: 64,
-    credit: 16,
-    send_bytes: 64,
-    rows_ahead: u16::MAX,
-    timeout: 500,
-    idle_steps: 500,
-};
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    (limits.packet_bytes, limits.send_bytes, limits.credit) = (64, 64, 16);
+    (limits.timeout, limits.idle_steps) = (500, 500);
+    limits
+}
 
 /// Changes bytes on their way.
 struct Faulty<T> {
@@ -95,7 +93,7 @@ fn link(
     writer: impl Write + Send + 'static,
 ) -> Box<dyn Transport> {
     let (reader, writer) = (Faulty::new(reader, 1), Faulty::new(writer, 2));
-    Box::new(ByteLink::new("soak".into(), Framing::Cobs, LIMITS, writer, reader))
+    Box::new(ByteLink::new("soak".into(), Framing::Cobs, limits(), writer, reader))
 }
 
 /// A bad line to an emulator.

@@ -62,7 +62,8 @@ impl Emulated {
         let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
         let board = Board(child);
         // QEMU emulates every instruction, so a row may take long.
-        let limits = Limits { timeout: 20_000_000, ..Limits::default() };
+        let mut limits = Limits::default();
+        limits.timeout = 20_000_000;
         let link = ByteLink::new(machine.to_string(), Framing::Cobs, limits, input, output);
         let rig = Rig::with_transport(Url::Emulator, Box::new(link)).unwrap();
         assert!(rig.device().firmware.starts_with("camrig rig Cortex-M"), "{:?}", rig.device());

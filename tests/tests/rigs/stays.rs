@@ -38,16 +38,10 @@ impl RowSink for Interface {
 fn board(mut link: Pipe, mut interface: Interface) {
     let mut float =
         (vec![[0.0; BLOCK]; 7 * blocks(WIDTH)], vec![Default::default(); groups(WIDTH)]);
-    let mut fixed = (Vec::new(), vec![Default::default(); groups(WIDTH)]);
     let (mut mantissas, mut exponents) = (vec![0; WIDTH], vec![0; groups(WIDTH)]);
-    let memory = Memory {
-        float: RowMemory { rows: &mut float.0, sums: &mut float.1 },
-        fixed: RowMemory { rows: &mut fixed.0, sums: &mut fixed.1 },
-        mantissas: &mut mantissas,
-        exponents: &mut exponents,
-        crosstalk: &mut vec![0.0; 10_000],
-        max_bands: 31,
-    };
+    let mut crosstalk = vec![0.0; 10_000];
+    let memory = Memory::new(&mut mantissas, &mut exponents, &mut crosstalk, 31)
+        .with_float(RowMemory { rows: &mut float.0, sums: &mut float.1 });
     let mut rig = camrig_firmware_sim::Rig::new("board", memory);
     rig.set_sink(&mut interface);
     let mut device = Box::new(Device::<{ 2 * WIDTH }>::new(MAX_PACKET as u16, 16));

@@ -61,6 +61,7 @@ fn fault(fault: Fault) -> Value {
         Fault::CorruptRow(row) => json!({ "kind": "corrupt-row", "row": row }),
         Fault::StuckCounter => json!({ "kind": "stuck-counter" }),
         Fault::LateFrame(ms) => json!({ "kind": "late-frame", "ms": ms }),
+        _ => json!({ "kind": "unknown" }),
     }
 }
 

@@ -54,12 +54,7 @@ fn frame(number: u64, dn: [u16; 4]) -> Frame {
             white_level_dn: 1023,
             data: dn.to_vec(),
         },
-        settings: FrameSettings {
-            frame: 0,
-            exposure_s: 0.01,
-            analog_gain: 1.0,
-            temperature_c: 20.0,
-        },
+        settings: FrameSettings::new(0.01).with_temperature(20.0),
         counter: 1,
         injected: None,
         light: Arc::new(Light {

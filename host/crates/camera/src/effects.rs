@@ -32,7 +32,6 @@ pub struct EffectKind {
 impl EffectKind {
     /// Every kind that a camera file may name, those of the optics first.
     pub fn all() -> impl Iterator<Item = Self> {
-        use camrig_sensor_core::effects::Domain;
         let optical = OpticalEffect::CATALOGUE.iter().map(|e| Self {
             kind: e.kind,
             acts: "optics",
@@ -42,12 +41,7 @@ impl EffectKind {
         });
         let sensor = Effect::CATALOGUE.iter().map(|e| Self {
             kind: e.kind,
-            acts: match e.domain {
-                Domain::Light => "light",
-                Domain::Photo => "photo-electrons",
-                Domain::Charge => "charge",
-                Domain::Voltage => "voltage",
-            },
+            acts: e.domain.name(),
             doc: e.doc,
             parameters: e.parameters,
             words: &[],

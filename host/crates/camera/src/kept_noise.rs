@@ -3,8 +3,7 @@
 
 use super::{Camera, Noise};
 use camrig_base::{Error, Result};
-use camrig_sensor_core::effects::Effect;
-use camrig_sensor_core::effects::empirical::Quantity;
+use camrig_sensor_core::effects::{Class, Effect};
 
 /// Which of a camera's noise and fixed patterns a picture has. Rounding to DN stays, and so does
 /// all that only shapes the response: full well, non-linearity, crosstalk, blooming and the like.
@@ -87,55 +86,9 @@ impl Camera {
 
 /// Whether an effect stays: it is neither noise, nor dark charge, nor a pattern.
 fn shapes_the_response(effect: &Effect, kept: KeptNoise) -> bool {
-    match effect {
-        Effect::ShotNoise(_) | Effect::ExactShotNoise(_) => kept != KeptNoise::None,
-        Effect::Empirical(empirical) => empirical.quantity() == Quantity::Response,
-        Effect::FullWell(_)
-        | Effect::ChargeCoupling(_)
-        | Effect::Nonlinearity(_)
-        | Effect::BrighterFatter(_)
-        | Effect::OpticalCrosstalk(_)
-        | Effect::ReadoutChannelCrosstalk(_)
-        | Effect::AdcNonlinearity(_)
-        | Effect::Companding(_)
-        | Effect::ImageLag(_)
-        | Effect::BlackSun(_)
-        | Effect::ExposureOffset(_)
-        | Effect::BlackLevelOffset(_)
-        | Effect::FlickerBanding(_)
-        | Effect::LightFlicker(_)
-        | Effect::ColourShading(_)
-        | Effect::RelativeIllumination(_)
-        | Effect::OffsetClipping(_)
-        | Effect::Blooming(_)
-        | Effect::SystemGain(_)
-        | Effect::QuantumEfficiency(_) => true,
-        Effect::Prnu(_)
-        | Effect::DarkCurrent(_)
-        | Effect::RowOffsetFpn(_)
-        | Effect::ReadNoise(_)
-        | Effect::HotPixels(_)
-        | Effect::DefectivePixels(_)
-        | Effect::StuckPixels(_)
-        | Effect::RowTemporalNoise(_)
-        | Effect::ColumnOffsetFpn(_)
-        | Effect::ColumnTemporalNoise(_)
-        | Effect::RowCorrelatedNoise(_)
-        | Effect::PeriodicPatternNoise(_)
-        | Effect::ReadNoiseSpread(_)
-        | Effect::RandomTelegraphNoise(_)
-        | Effect::HeavyTailedReadNoise(_)
-        | Effect::ResetNoise(_)
-        | Effect::FrameOffsetNoise(_)
-        | Effect::ReadoutChannelMismatch(_)
-        | Effect::PixelOffsetFpn(_)
-        | Effect::AmpGlow(_)
-        | Effect::DarkCurrentGradient(_)
-        | Effect::ColumnGainFpn(_)
-        | Effect::PrnuLowFrequency(_)
-        | Effect::PrnuCorrelated(_)
-        | Effect::Fringing(_)
-        | Effect::GreenImbalance(_)
-        | Effect::PdafPattern(_) => false,
+    match effect.class() {
+        Class::Response => true,
+        Class::Shot => kept == KeptNoise::Shot,
+        _ => false,
     }
 }

@@ -109,11 +109,7 @@ impl SensorModel {
             index.unwrap_or(0) as u8
         };
         let tile = (0..cfa.height).flat_map(|y| (0..cfa.width).map(move |x| (x, y)));
-        Pattern {
-            width: cfa.width as u8,
-            height: cfa.height as u8,
-            channels: tile.map(|(x, y)| channel(x, y)).collect(),
-        }
+        Pattern::new(cfa.width as u8, cfa.height as u8, tile.map(|(x, y)| channel(x, y)))
     }
 }
 
@@ -162,22 +158,19 @@ impl Camera {
             )));
         }
         self.check_chain()?;
-        let config = SensorConfig {
-            width: sensor.width,
-            height: sensor.height,
-            pattern: sensor.pattern(),
-            channels: sensor.channel_names.len() as u8,
-            bands: bands.count as u8,
-            first_band_nm: bands.start_nm as f32,
-            band_step_nm: bands.step_nm as f32,
-            response: sensor.response(bands).concat().iter().map(|&w| w as f32).collect(),
-            full_well_e: sensor.full_well_e as f32,
-            bits: sensor.bits,
-            black_level_dn: sensor.black_level_dn as f32,
-            seed: sensor.seed,
-            effects: self.chain().into_iter().collect(),
-            table: self.table().into_iter().collect(),
-        };
+        let mut config = SensorConfig::new(sensor.width, sensor.height);
+        config.pattern = sensor.pattern();
+        config.channels = sensor.channel_names.len() as u8;
+        config.bands = bands.count as u8;
+        config.first_band_nm = bands.start_nm as f32;
+        config.band_step_nm = bands.step_nm as f32;
+        config.response = sensor.response(bands).concat().iter().map(|&w| w as f32).collect();
+        config.full_well_e = sensor.full_well_e as f32;
+        config.bits = sensor.bits;
+        config.black_level_dn = sensor.black_level_dn as f32;
+        config.seed = sensor.seed;
+        config.effects = self.chain().into_iter().collect();
+        config.table = self.table().into_iter().collect();
         config.check().map_err(|e| Error::input(format!("this sensor cannot be: {e}")))?;
         Ok(config)
     }
@@ -190,12 +183,10 @@ impl Camera {
         exposure_s: f64,
         analog_gain: Option<f64>,
     ) -> FrameSettings {
-        FrameSettings {
-            frame,
-            exposure_s: exposure_s as f32,
-            analog_gain: analog_gain.unwrap_or(self.sensor.analog_gain) as f32,
-            temperature_c: self.sensor.temperature_c as f32,
-        }
+        FrameSettings::new(exposure_s as f32)
+            .with_frame(frame)
+            .with_gain(analog_gain.unwrap_or(self.sensor.analog_gain) as f32)
+            .with_temperature(self.sensor.temperature_c as f32)
     }
 
     /// Checks that the chain fits the sensor model; for cameras whose effects were changed after

@@ -131,7 +131,6 @@ pub fn refused(e: ConfigError) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use camrig_sensor_core::config::Pattern;
     use camrig_sensor_core::effects::charge_coupling::ChargeCoupling;
     use camrig_sensor_core::effects::{Effect, prnu::Prnu, read_noise::ReadNoise};
     use camrig_sensor_core::effects::{row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise};
@@ -145,22 +144,11 @@ mod tests {
             RowOffsetFpn { sigma_e: 0.8 }.into(),
             ReadNoise { read_e: 3.0, read_e_post: 1.0 }.into(),
         ];
-        SensorConfig {
-            width,
-            height,
-            pattern: Pattern { width: 1, height: 1, channels: [0].into_iter().collect() },
-            channels: 1,
-            bands: 1,
-            first_band_nm: 550.0,
-            band_step_nm: 10.0,
-            response: [1e6].into_iter().collect(),
-            full_well_e: 10_000.0,
-            bits: 12,
-            black_level_dn: 64.0,
-            seed: 1,
-            table: Default::default(),
-            effects: effects.into_iter().collect(),
-        }
+        let mut config = SensorConfig::new(width, height);
+        config.response = [1e6].into_iter().collect();
+        config.seed = 1;
+        config.effects = effects.into_iter().collect();
+        config
     }
 
     /// Rows by the functions for this machine's vector units and by those of the build's target.
@@ -168,8 +156,7 @@ mod tests {
         config: &SensorConfig,
         light: impl Fn(f32) -> A::Signal,
     ) -> [Vec<u16>; 2] {
-        let settings =
-            FrameSettings { frame: 3, exposure_s: 0.02, analog_gain: 1.0, temperature_c: 25.0 };
+        let settings = FrameSettings::new(0.02).with_frame(3);
         let mut ramp = |_: u32, out: &mut [Block<A::Signal>]| {
             let pixels = out.as_flattened_mut().iter_mut().enumerate();
             pixels.for_each(|(x, mean)| *mean = light(1.0 + 8000.0 * x as f32 / 1000.0));

@@ -9,7 +9,7 @@ use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::opcodes::{Opcode, bad_pixels, gain_maps};
 use camrig_optics::Options;
 use camrig_sensor_core::config::FrameSettings;
-use camrig_sensor_core::effects::Effect;
+use camrig_sensor_core::effects::{Class, Effect};
 
 /// Opcodes of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -59,12 +59,7 @@ fn shading(camera: &Camera) -> Result<Vec<Opcode>> {
 /// (row, column) of the pixels that the defect effects move by more than [`BAD`] in a frame
 /// without noise lit evenly to half the full well.
 fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32)>> {
-    let is_defect = |effect: &Effect| {
-        matches!(
-            effect,
-            Effect::DefectivePixels(_) | Effect::StuckPixels(_) | Effect::HotPixels(_)
-        )
-    };
+    let is_defect = |effect: &Effect| effect.class() == Class::Defect;
     let sensor = &camera.sensor;
     let bands = Bands::VISIBLE;
     let header = CubeHeader {

@@ -304,7 +304,7 @@ impl Rig {
         let device = self.device();
         let lacking: Vec<&str> = (sensor.config.effects.iter())
             .map(|effect| effect.entry())
-            .filter(|entry| device.effects >> entry.id & 1 == 0)
+            .filter(|entry| !device.effects.contains(entry.id))
             .map(|entry| entry.kind)
             .collect();
         if !lacking.is_empty() {

@@ -71,14 +71,9 @@ impl Worker {
     }
 
     fn rig(&mut self) -> Rig<'_> {
-        let memory = Memory {
-            float: self.float.lend(),
-            fixed: self.fixed.lend(),
-            mantissas: &mut self.mantissas,
-            exponents: &mut self.exponents,
-            crosstalk: &mut self.crosstalk,
-            max_bands: MAX_BANDS as u16,
-        };
+        let (bands, exponents) = (&mut self.mantissas, &mut self.exponents);
+        let memory = Memory::new(bands, exponents, &mut self.crosstalk, MAX_BANDS as u16);
+        let memory = memory.with_float(self.float.lend()).with_fixed(self.fixed.lend());
         Rig::new(FIRMWARE, memory)
     }
 }
@@ -192,7 +187,8 @@ impl io::Write for ChannelWriter {
 
 /// Starts an emulator in a thread of this process.
 pub fn open() -> Box<dyn Transport> {
-    let limits = Limits { packet_bytes: MAX_PACKET as u16, credit: CREDIT, ..Limits::default() };
+    let mut limits = Limits::default();
+    (limits.packet_bytes, limits.credit) = (MAX_PACKET as u16, CREDIT);
     open_as(Framing::Length, limits)
 }
 

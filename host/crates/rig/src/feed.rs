@@ -118,8 +118,7 @@ fn collapsed_rows(
     out: &mut [u8],
 ) -> Result<()> {
     let width = sensor.config.width as usize;
-    let one_second =
-        FrameSettings { frame: 0, exposure_s: 1.0, analog_gain: 1.0, temperature_c: 0.0 };
+    let one_second = FrameSettings::new(1.0).with_temperature(0.0);
     let mut collector = Collector::<Float>::new(&sensor.config, &one_second, sensor.crosstalk())
         .map_err(|e| {
         Error::unsupported(format!("the sensor model refuses this camera: {e:?}"))

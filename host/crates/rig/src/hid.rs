@@ -109,14 +109,14 @@ pub fn limits(report: u16) -> Limits {
     // begins each packet. Credit is then two packets of short reports, or five of long ones.
     let (reports, pointer) = if report <= u16::from(u8::MAX) { (7, 1) } else { (3, 2) };
     let packet_bytes = reports * (report - pointer) - 2;
-    Limits {
-        packet_bytes,
-        credit: (REPORTS_UNDER_WAY - 1) / reports,
-        send_bytes: 4096,
-        rows_ahead: 1,
-        timeout: 500_000,
-        idle_steps: 10,
-    }
+    let mut limits = Limits::default();
+    limits.packet_bytes = packet_bytes;
+    limits.credit = (REPORTS_UNDER_WAY - 1) / reports;
+    limits.send_bytes = 4096;
+    limits.rows_ahead = 1;
+    limits.timeout = 500_000;
+    limits.idle_steps = 10;
+    limits
 }
 
 struct HidLink {

@@ -31,15 +31,14 @@ const READ_TIMEOUT: Duration = Duration::from_millis(100);
 /// Limits for a line of this rate, bits per second. A thread reads at all times, so credit need
 /// not be scarce; the wait for an answer covers what may be under way.
 pub fn limits(baud: u32) -> Limits {
-    Limits {
-        packet_bytes: PACKET_BYTES,
-        credit: 64,
-        send_bytes: SEND_BYTES,
-        rows_ahead: u16::MAX,
-        timeout: PATIENCE_US
-            + UNDER_WAY * u64::from(SEND_BYTES) * BITS_PER_BYTE * 1_000_000 / u64::from(baud),
-        idle_steps: 10,
-    }
+    let mut limits = Limits::default();
+    limits.packet_bytes = PACKET_BYTES;
+    limits.credit = 64;
+    limits.send_bytes = SEND_BYTES;
+    limits.timeout = PATIENCE_US
+        + UNDER_WAY * u64::from(SEND_BYTES) * BITS_PER_BYTE * 1_000_000 / u64::from(baud);
+    limits.idle_steps = 10;
+    limits
 }
 
 /// Opens a port at a rate in bits per second.

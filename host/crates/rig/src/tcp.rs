@@ -45,7 +45,8 @@ fn link(
         stream.write_all(&token.greeting())?;
     }
     let reader = stream.try_clone()?;
-    let limits = Limits { packet_bytes: MAX_PACKET as u16, ..Limits::default() };
+    let mut limits = Limits::default();
+    limits.packet_bytes = MAX_PACKET as u16;
     Ok(Box::new(ByteLink::new(name, Framing::Length, limits, Closing(stream), reader)))
 }
 

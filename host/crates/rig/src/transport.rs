@@ -239,7 +239,9 @@ mod tests {
             (Framing::Length, &[0u8; 4][..], now_and_then),
             (Framing::Cobs, &b"sensor ready\r\n"[..], now_and_then),
         ] {
-            let limits = Limits { credit: 4, packet_bytes: 1000, ..Limits::default() };
+            let mut limits = Limits::default();
+            limits.credit = 4;
+            limits.packet_bytes = 1000;
             let talker = Talker(text, pause);
             let mut link = ByteLink::new("x".into(), framing, limits, io::sink(), talker);
             for wait in [0, 100] {

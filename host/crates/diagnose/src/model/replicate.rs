@@ -24,17 +24,17 @@ const SHORTEST_S: f32 = 1e-9;
 fn sensor(camera: &Camera, stack: &Stack, seed: u64) -> Result<SensorConfig> {
     let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
     let camera = Camera { first_frame: stack.first_number, ..camera.clone() };
-    Ok(SensorConfig { seed, ..camera.sensor_config(&band)? })
+    let mut config = camera.sensor_config(&band)?;
+    config.seed = seed;
+    Ok(config)
 }
 
 /// Settings of a frame of a stack, by its number among those of its capture.
 fn settings(stack: &Stack, frame: usize) -> FrameSettings {
-    FrameSettings {
-        frame: stack.first_number.wrapping_add(frame as u32),
-        exposure_s: (stack.exposure_s as f32).max(SHORTEST_S),
-        analog_gain: stack.analog_gain as f32,
-        temperature_c: stack.temperature_c as f32,
-    }
+    FrameSettings::new((stack.exposure_s as f32).max(SHORTEST_S))
+        .with_frame(stack.first_number.wrapping_add(frame as u32))
+        .with_gain(stack.analog_gain as f32)
+        .with_temperature(stack.temperature_c as f32)
 }
 
 /// Moments of every dark and flat stack of a design, simulated; with `planes` also their power
@@ -80,8 +80,9 @@ fn with_offset(config: &SensorConfig, offset_dn: f64) -> Cow<'_, SensorConfig> {
     if offset_dn == 0.0 {
         return Cow::Borrowed(config);
     }
-    let black_level_dn = (config.black_level_dn + offset_dn as f32).max(0.0);
-    Cow::Owned(SensorConfig { black_level_dn, ..config.clone() })
+    let mut config = config.clone();
+    config.black_level_dn = (config.black_level_dn + offset_dn as f32).max(0.0);
+    Cow::Owned(config)
 }
 
 /// The picture of every target, simulated from its light. Both halves of a capture have the same
