@@ -29,7 +29,7 @@ impl<'m> Rig<'m> {
         Self { firmware, camera, frame: None, memory, sink: None }
     }
 
-    /// Gives the rig an interface of its own, where raw rows go whose host wants them there.
+    /// Gives the rig an interface of its own, for raw rows that the host wants there.
     pub fn set_sink(&mut self, sink: &'m mut (dyn RowSink + Send)) {
         self.sink = Some(sink);
     }

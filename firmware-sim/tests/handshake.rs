@@ -1,4 +1,4 @@
-//! What a rig says about itself is true, and a camera that it cannot compute is refused.
+//! The capabilities that a rig reports are true, and a camera that it cannot compute is refused.
 
 use camrig_firmware_sim::{Memory, Rig, RowMemory, camera};
 use camrig_rig_link::device::Model;

@@ -536,7 +536,7 @@ mod tests {
         assert_eq!(receiver.whole(&mut rest), None);
         assert!(receiver.push(&mut rest).unwrap());
         assert_eq!((receiver.packet(), rest), (&outer[4..16], &outer[16..]));
-        // What is no packet is left for `push`, which says so.
+        // Anything else is left for `push`, which reports it.
         let mut receiver = Receiver::new(Framing::Length, [0; 100]);
         assert_eq!(receiver.whole(&mut &[0xff, 0xff, 0xff, 0x7f, 1, 2][..]), None);
         assert_eq!(receiver.whole(&mut &[0; 9][..]), None);
@@ -586,7 +586,7 @@ mod tests {
                 }
                 let end = at + 2 + packet.len();
                 let touched = at / 63 <= lost && lost <= (end - 1) / 63;
-                // What is left of a spoiled packet may come out wrong; its CRC then says no.
+                // What is left of a spoiled packet may decode to anything; its CRC then fails.
                 assert!(touched || got.contains(&packet), "{} lost {lost}", packet.len());
                 at = end;
             }

@@ -181,7 +181,7 @@ pub struct HostStatistics {
 enum Operation {
     None,
     Hello,
-    /// `furthest`: the most bytes that the device has said it has.
+    /// `furthest`: the most bytes that the device has acknowledged.
     Camera {
         id: u64,
         total: u32,
@@ -372,7 +372,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         self.advanced = false;
     }
 
-    /// Notes which camera the device has, as it has said since its Hello.
+    /// Records which camera the device has, as it has reported since its Hello.
     fn hold_camera(&mut self, id: u64) {
         if let Some(device) = &mut self.device {
             device.camera = id;
@@ -720,7 +720,7 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
             self.statistics.rewinds += 1;
             self.idle += 1;
         } else if all_heard && header.flags & PENDING != 0 {
-            // Raw rows wait for credit, which asking again gives.
+            // Raw rows wait for credit, which another request grants.
             frame.ask |= frame.cursor.row == rows;
             self.idle += 1;
         } else if all_heard {

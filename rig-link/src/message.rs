@@ -5,7 +5,7 @@
 //! Structs have the fields of the protocol's version and gain none.
 //!
 //! # Error codes
-//! Why a device says no is a [`Nack`]; its [`code`](Nack::code) names it for programs:
+//! A device refuses with a [`Nack`]; its [`code`](Nack::code) names it for programs:
 //! `no-session`, `no-transfer`, `unsupported`, `register`, or that of a [`Refusal`]: `no-camera`,
 //! `bad-camera`, `camera-too-long`, `effects`, `too-wide`, `too-many-bands`, `wrong-shape`,
 //! `arithmetic`, `codec`, `packing`, `exposure`.

@@ -200,7 +200,7 @@ fn a_host_that_dies_is_replaced_by_another() {
         bench.begin(frame, false);
         let packets = bench.random.below(90) as u32;
         bench.run(Some(packets));
-        // The new host knows nothing; bytes of the old one are still under way.
+        // The new host knows nothing; bytes of the old one are still in flight.
         bench.host = camrig_rig_link::host::Host::new(limits(), [0; ROWS as usize]);
         assert!(establish(&mut bench));
         assert!(matches!(bench.frame(1000 + frame, false), Event::FrameDone(_)));

@@ -381,7 +381,7 @@ fn a_camera_that_comes_and_goes_is_given_up() {
     panic!("no end");
 }
 
-/// Hello tells which camera a device has; it is another one after a camera was sent.
+/// Hello reports which camera a device has; sending a camera replaces it.
 #[test]
 fn a_host_knows_which_camera_the_device_has_now() {
     let mut bench = Bench::new(Framing::Cobs, Limits::default(), 1);

@@ -143,8 +143,8 @@ pub enum ConfigError {
         /// The effect just before it, which acts later in the signal chain.
         after: (&'static Entry, Domain),
     },
-    /// The table of an empirical effect is missing, or is none of its shape, or its quantity has
-    /// no such shape.
+    /// The table of an empirical effect is missing or not one of its shape, or its quantity has no
+    /// such shape.
     Table {
         /// Position of the effect in [`SensorConfig::effects`], from 0.
         position: usize,

@@ -109,7 +109,7 @@ pub struct Inputs<'a, S> {
 
 /// A stage of the signal chain.
 pub trait Stage {
-    /// Changes what the frame's stages are told, once before its first row: for effects that alter
+    /// Changes the context of the frame's stages, once before its first row: for effects that alter
     /// the settings of other stages instead of the signal. Does nothing by default. Effects are
     /// prepared in the order of the chain; `cx` has this effect's own random streams.
     fn prepare(&self, cx: &mut Context<'_>) {
@@ -236,7 +236,8 @@ catalogue! {
 }
 
 impl Effect {
-    /// Where it acts: what its entry says, but an empirical effect where its own quantity is.
+    /// Where it acts: the domain of its entry, except that of an empirical effect, which depends
+    /// on its quantity.
     pub const fn domain(&self) -> Domain {
         match self {
             #[cfg(feature = "empirical")]
@@ -245,8 +246,8 @@ impl Effect {
         }
     }
 
-    /// What it is to a picture: what its entry says, but an empirical effect what its own quantity
-    /// makes it.
+    /// What it is to a picture: the class of its entry, except that of an empirical effect, which
+    /// depends on its quantity.
     pub const fn class(&self) -> Class {
         match self {
             #[cfg(feature = "empirical")]

@@ -1,5 +1,4 @@
-//! The catalogue of effects is sound, and any effect at any corner of its ranges leaves a frame
-//! behind.
+//! The catalogue of effects is sound, and any effect at any corner of its ranges yields a frame.
 
 mod common;
 

@@ -192,7 +192,7 @@ fn taps_and_lengths_give_their_covariance<A: Arith>() {
             let noise = effect(Quantity::Temporal, Shape::Correlation, 12.0);
             let config = sensor(w as u32, h as u32, noise, &words);
             let v: Vec<f64> = shot::<A>(&config, 2, 500.0).iter().map(|v| v - 500.0).collect();
-            // Pixels that follow each other tell less: Σ ρ² over lags of both signs.
+            // Correlated pixels carry less information: Σ ρ² over lags of both signs.
             let error = 144.0 * (2.0 * apart / n).sqrt();
             near("mean", mean(&v), 0.0, 12.0 * (2.0 * apart / n).sqrt());
             for lag in [0, 1, 2, 3, 9, 18] {

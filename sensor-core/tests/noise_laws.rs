@@ -214,7 +214,7 @@ fn golden(name: &str) -> Vec<Vec<f64>> {
 
 /// Variance over pixels of a frame as another simulator's closed form has it: (µ + r²)(1 + p²) +
 /// (µp)² + offsets² + (µ column gain)², µ with dark charge. There PRNU acts on dark charge and
-/// read noise as well; here, as in eq. 10, on photo-electrons only, so those terms are taken off.
+/// read noise as well; here, as in eq. 10, on photo-electrons only, so those terms are subtracted.
 fn noise_variance_agrees_with_isetcam<A: Arith>() {
     use camrig_sensor_core::effects::{
         column_gain_fpn::*, column_offset_fpn::*, pixel_offset_fpn::*,

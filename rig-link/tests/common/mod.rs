@@ -329,7 +329,7 @@ impl Bench {
         (self.up.faults, self.down.faults) = (faults, faults);
     }
 
-    /// The cable is pulled and put back: what was under way is gone.
+    /// The cable is unplugged and plugged in again: what was in flight is lost.
     pub fn disconnect(&mut self) {
         self.up.clear();
         self.down.clear();

@@ -1,4 +1,4 @@
-//! What a stage is told about the row that it works on, and its random streams.
+//! What a stage knows of the row that it works on, and its random streams.
 
 use crate::arith::{BLOCK, Counts};
 use crate::config::Pattern;
@@ -6,7 +6,7 @@ use crate::math;
 use crate::stream::{Key, Lanes};
 use rand_core::Rng;
 
-/// What a stage is told about one row of one frame.
+/// What a stage knows of one row of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
     /// Pixels in a row.

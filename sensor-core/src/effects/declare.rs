@@ -12,7 +12,7 @@
 /// }
 /// ```
 ///
-/// Behind the name stand its [`Domain`](crate::effects::Domain), its
+/// After the name come its [`Domain`](crate::effects::Domain), its
 /// [`Class`](crate::effects::Class) and what it reads ([`Needs`](crate::effects::Needs)).
 macro_rules! effect {
     (

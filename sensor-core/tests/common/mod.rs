@@ -14,7 +14,7 @@ pub const BLACK: f64 = 2048.0;
 
 pub const SETTINGS: FrameSettings = FrameSettings::new(0.01);
 
-/// A monochrome sensor with a 16-bit converter of 1/8 e⁻ per step, so that DN tell electrons.
+/// A monochrome sensor with a 16-bit converter of 1/8 e⁻ per step, so that DN resolve electrons.
 pub fn monochrome(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
     let mut config = SensorConfig::new(width, height);
     config.response = [1e6].into_iter().collect();
@@ -79,7 +79,7 @@ pub fn rows_of<A: Arith>(
     dn
 }
 
-/// A frame in electrons, black level taken off, for a flat mean.
+/// A frame in electrons above the black level, for a flat mean.
 pub fn flat<A: Arith>(config: &SensorConfig, settings: &FrameSettings, mean_e: f32) -> Vec<f64> {
     electrons(config, settings, &frame::<A>(config, settings, &mut Means(|_, _| mean_e)))
 }
