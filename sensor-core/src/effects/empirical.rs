@@ -62,7 +62,6 @@ effect! {
 
 /// What of the sensor an empirical effect changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum Quantity {
     /// What every frame has, e⁻.
     Offset,
@@ -78,7 +77,6 @@ pub enum Quantity {
 
 /// How an empirical effect lies over the frame or the signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum Shape {
     /// Common to a row, alike along it.
     RowFlat,
