@@ -330,6 +330,7 @@ fn link_failed(why: ServeError<std::io::Error>) {
         ServeError::OutOfStep => {
             eprintln!("the link ended: the bytes received do not follow the protocol")
         }
+        other => eprintln!("the link ended: {other}"),
     }
 }
 
