@@ -1,4 +1,4 @@
-//! The files of the page. Nothing of it comes from elsewhere.
+//! The files of the page. It loads nothing from elsewhere.
 
 use super::http;
 use std::net::TcpStream;
@@ -46,7 +46,7 @@ impl Asset {
     /// Sends it to a page at `host`.
     ///
     /// # Errors
-    /// A client that has gone.
+    /// A client that has disconnected.
     pub fn send(&self, stream: &mut TcpStream, host: &str) -> std::io::Result<()> {
         let kind = format!("{}; charset=utf-8", self.kind);
         http::send(stream, 200, &kind, &format!("ws://{host}"), self.text.as_bytes())

@@ -1,18 +1,18 @@
-//! Who may use the page: see [`super`].
+//! Access control of the page: see [`super`].
 
 use super::http::{Head, Refusal};
 use camrig_base::Result;
 use camrig_rig::Token;
 use std::net::SocketAddr;
 
-/// Knows the server's address and its token.
+/// The server's address and token.
 pub struct Guard {
     address: SocketAddr,
     token: Token,
 }
 
 impl Guard {
-    /// A guard with a token of its own.
+    /// A guard with a random token.
     ///
     /// # Errors
     /// An operating system without random numbers.
@@ -25,24 +25,24 @@ impl Guard {
         self.token.secret()
     }
 
-    /// Lets requests pass that were meant for this server and come from no other page.
+    /// Accepts requests that name this server and do not come from another page.
     ///
     /// # Errors
-    /// Why it does not pass.
+    /// Any other request, with the reason.
     pub fn check(&self, head: &Head) -> Result<(), Refusal> {
         let host = head.only("Host").filter(|host| self.is_own(host));
         let host = host.ok_or(Refusal(403, "this is not the address of this page"))?;
         match head.all("Origin").all(|origin| origin == format!("http://{host}")) {
             true => Ok(()),
-            false => Err(Refusal(403, "another page may not ask this")),
+            false => Err(Refusal(403, "other pages have no access")),
         }
     }
 
-    /// Lets requests pass that know the token. A script can send no header of its own with a
-    /// WebSocket, but names of protocols: the token is one of them.
+    /// Accepts requests with the token. A script cannot add headers to a WebSocket request, only
+    /// names of protocols: the token is one of them.
     ///
     /// # Errors
-    /// Why it does not pass.
+    /// Any other request, with the reason.
     pub fn check_token(&self, head: &Head) -> Result<(), Refusal> {
         let mut words = head.words("Sec-WebSocket-Protocol");
         match words.any(|word| self.token.is(word.as_bytes())) {

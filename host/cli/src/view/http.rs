@@ -1,4 +1,4 @@
-//! Requests without bodies and their answers, one to a connection.
+//! Requests without bodies and their responses, one per connection.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 /// Longest head of a request, bytes: browsers send less than one KiB.
 const LONGEST_HEAD: usize = 16 << 10;
-/// Headers of a request at most; browsers send some fifteen.
+/// Maximum number of headers of a request; browsers send some fifteen.
 const MAX_HEADERS: usize = 64;
 
 /// A request without its body.
@@ -14,32 +14,32 @@ const MAX_HEADERS: usize = 64;
 pub struct Head {
     /// `GET`, for instance.
     pub method: String,
-    /// Without the query.
+    /// The path without the query.
     pub path: String,
     headers: Vec<(String, String)>,
-    /// What came after it.
+    /// Bytes received after it.
     pub rest: Vec<u8>,
 }
 
-/// Why a request is not answered: its status and a word.
+/// Why a request is refused: status and message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refusal(pub u16, pub &'static str);
 
 impl Head {
-    /// Reads a request's head, which must have come by a time.
+    /// Reads a request's head, until a deadline.
     ///
     /// # Errors
-    /// A head that is none, too long or too late.
+    /// A malformed head, or one that is too long or too late.
     pub fn read(stream: &mut TcpStream, until: Instant) -> Result<Self, Refusal> {
         let mut bytes = Vec::new();
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            let late = Refusal(408, "the request did not come in time");
+            let late = Refusal(408, "the request came too late");
             // No time at all would mean for ever.
             stream.set_read_timeout(Some(left.max(Duration::from_millis(1)))).map_err(|_| late)?;
             let mut piece = [0; 4096];
             let count = match stream.read(&mut piece) {
-                Ok(0) => return Err(Refusal(400, "the request broke off")),
+                Ok(0) => return Err(Refusal(400, "the request is incomplete")),
                 Ok(count) => count,
                 Err(_) => return Err(late),
             };
@@ -56,7 +56,7 @@ impl Head {
         }
     }
 
-    /// A head, or `None` where its end is missing.
+    /// A head, or `None` if its end is missing.
     fn parse(bytes: &[u8]) -> Result<Option<Self>, Refusal> {
         let mut headers = [httparse::EMPTY_HEADER; MAX_HEADERS];
         let mut request = httparse::Request::new(&mut headers);
@@ -64,7 +64,7 @@ impl Head {
             Ok(httparse::Status::Complete(end)) => end,
             Ok(httparse::Status::Partial) => return Ok(None),
             Err(httparse::Error::TooManyHeaders) => return Err(Refusal(431, "too many headers")),
-            Err(_) => return Err(Refusal(400, "this is no HTTP request")),
+            Err(_) => return Err(Refusal(400, "not an HTTP request")),
         };
         let target = request.path.unwrap_or_default();
         let path = target.split_once('?').map_or(target, |(path, _)| path).to_owned();
@@ -85,13 +85,13 @@ impl Head {
         named.map(|(_, value)| value.as_str())
     }
 
-    /// The value of a header that must be there once.
+    /// The value of a header that must occur once.
     pub fn only<'a>(&'a self, name: &'a str) -> Option<&'a str> {
         let mut values = self.all(name);
         values.next().filter(|_| values.next().is_none())
     }
 
-    /// The words of all headers of a name, which commas separate.
+    /// The comma-separated words of all headers of a name.
     pub fn words<'a>(&'a self, name: &'a str) -> impl Iterator<Item = &'a str> {
         self.all(name).flat_map(|value| value.split(',')).map(str::trim)
     }
@@ -107,7 +107,7 @@ impl Refusal {
     }
 }
 
-/// Sends an answer, with what the page may load and connect to.
+/// Sends a response, with the content security policy of the page.
 ///
 /// # Errors
 /// A client that has gone.

@@ -1,6 +1,5 @@
-//! What is sent to a page: the length of a JSON text (u32, little-endian), the text, and the
-//! samples of a frame (u16, little-endian), where there is one. Spaces after the text bring the
-//! samples to an even place.
+//! Messages to a page: the length of a JSON text (u32, little-endian), the text, and the samples of
+//! a frame (u16, little-endian), if there is one. Spaces after the text align the samples.
 
 use super::order::Next;
 use super::state::{Frame, State};
@@ -28,7 +27,7 @@ pub fn text(state: &State, next: &Next, frame: Option<&Frame>) -> String {
     .to_string()
 }
 
-/// What a page must know of a frame to show and measure it.
+/// The facts with which a page shows and measures a frame.
 fn about(frame: &Frame) -> Value {
     let raw = &frame.raw;
     let development = preview::Development::new(raw, &frame.light.info);
@@ -51,7 +50,7 @@ fn about(frame: &Frame) -> Value {
     })
 }
 
-/// What tells one light from another, in words.
+/// A light in words, different for each.
 fn light_of(frame: &Frame) -> String {
     let header = &frame.light.header;
     let illuminant = header.illuminant.as_deref().unwrap_or("the scene's light");
@@ -59,7 +58,7 @@ fn light_of(frame: &Frame) -> String {
     format!("{} in {illuminant}{lux}", header.made_of)
 }
 
-/// A whole message.
+/// A complete message.
 pub fn bytes(text: &str, frame: Option<&Frame>) -> Vec<u8> {
     let samples = frame.map_or(&[][..], |frame| &frame.raw.data);
     let length = text.len().next_multiple_of(2);

@@ -1,23 +1,23 @@
 //! The console: a live page of a rig.
 //!
-//! # How frames get there
-//! The streaming thread leaves its newest frame and its figures in [`Shared`] and waits for
-//! nobody. A browser asks for what is next over a WebSocket when it has drawn what it had, so a
-//! slow one sees fewer frames. Samples travel as they are; the page develops, measures and plots
-//! them itself, also while it is frozen.
+//! # Frames
+//! The streaming thread puts its newest frame and figures into [`Shared`] and never waits. A browser
+//! asks for the next frame over a WebSocket once it has drawn the last one, so a slow one sees fewer
+//! frames. Raw samples are sent; the page develops, measures and plots them itself, even while it is
+//! frozen.
 //!
-//! # Who may use it
-//! Other pages in the same browser, and other programs' pages on this machine, must not drive the
+//! # Access
+//! Other pages in the same browser, and other programs' pages on this machine, must not control the
 //! rig:
-//! - it listens on the loopback interface unless told otherwise;
+//! - it listens on the loopback interface by default;
 //! - every request must name this server in `Host` (a name rebound to 127.0.0.1 does not pass),
-//!   and its `Origin`, where a browser sends one, must be this page's;
-//! - the WebSocket needs the token. It comes with the address that is printed, in its fragment,
-//!   which browsers do not send on.
+//!   and its `Origin`, if a browser sends one, must be this page's;
+//! - the WebSocket needs the token. It is in the fragment of the printed address, which browsers do
+//!   not transmit.
 //!
-//! # What it may cost
+//! # Resources
 //! Each connection has a thread, and there are at most [`MAX_CONNECTIONS`]. Request heads and
-//! messages are short, and who neither reads nor writes is given up.
+//! messages are short, and clients that neither read nor write are dropped.
 
 mod assets;
 mod guard;
@@ -40,25 +40,25 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// Connections at a time. A browser's tab has one for the frames and up to six while it loads.
+/// Maximum number of connections. A browser tab has one for frames and up to six while it loads.
 pub const MAX_CONNECTIONS: usize = 32;
-/// Time in which a request's head must have come. A trade: slow networks make it, and a stuck
-/// client soon makes room.
+/// Time limit for a request's head. A trade-off: enough for slow networks, and a stuck client soon
+/// makes room.
 const HEAD_PATIENCE: Duration = Duration::from_secs(10);
-/// Time in which a client must take up bytes sent to it.
+/// Time limit for a client to read bytes sent to it.
 const WRITE_PATIENCE: Duration = Duration::from_secs(10);
-/// Pause after a connection that the operating system could not give.
+/// Pause after a failed `accept`.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Who does what the page asks.
+/// Carries out the page's requests.
 pub trait Desk: Send + Sync {
     /// Passes an order, whose values are in range, to the stream.
     ///
     /// # Errors
-    /// Why it is not taken, in words.
+    /// An order that is not accepted.
     fn order(&self, order: Order) -> Result<()>;
 
-    /// Saves a frame; where it is now, in words.
+    /// Saves a frame; returns its place.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -72,7 +72,7 @@ pub struct View {
     guard: Guard,
 }
 
-/// What all connections know.
+/// State shared by all connections.
 struct Console {
     guard: Guard,
     shared: Arc<Shared>,
@@ -99,7 +99,7 @@ impl View {
         Ok(Self { listener, address, guard: Guard::new(address)? })
     }
 
-    /// Where the page is, its token included.
+    /// Address of the page, with its token.
     pub fn url(&self) -> String {
         format!("http://{}/#{}", self.address, self.guard.secret())
     }
@@ -125,8 +125,8 @@ impl View {
 }
 
 impl Console {
-    /// Answers a connection on a thread of its own. Where there are too many, or no thread is
-    /// left, it is closed.
+    /// Answers a connection on a thread of its own. If there are too many, or no thread can be
+    /// started, it is closed.
     fn accept(self: Arc<Self>, stream: TcpStream) {
         let taken = self.connections.fetch_add(1, Ordering::Relaxed);
         let counted = Counted(self);
@@ -142,10 +142,12 @@ impl Console {
         let head = Head::read(&mut stream, Instant::now() + HEAD_PATIENCE);
         let sent = match head.and_then(|head| self.guard.check(&head).map(|()| head)) {
             Ok(head) if head.path == "/socket" => return socket::serve(stream, head, self),
-            Ok(head) if head.method != "GET" => Refusal(405, "only GET").send(&mut stream),
+            Ok(head) if head.method != "GET" => {
+                Refusal(405, "only GET is allowed").send(&mut stream)
+            }
             Ok(head) => match assets::find(&head.path) {
                 Some(asset) => asset.send(&mut stream, head.only("Host").unwrap_or_default()),
-                None => Refusal(404, "nothing is here").send(&mut stream),
+                None => Refusal(404, "not found").send(&mut stream),
             },
             Err(refusal) => refusal.send(&mut stream),
         };

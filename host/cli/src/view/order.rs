@@ -1,34 +1,34 @@
-//! What the page asks.
+//! Requests of the page.
 
 use camrig_base::{Error, Result};
 use serde::Deserialize;
 
-/// Longest exposure that the page may ask for, s. A trade: long enough for any bench, and a slip
-/// of the hand does not stop the stream for hours.
+/// Longest exposure that the page may request, s. A trade-off: long enough for any bench, and a slip
+/// does not stop the stream for hours.
 pub const LONGEST_EXPOSURE_S: f64 = 60.0;
-/// Largest gain that the page may ask for: the whole numbers of the rig's gain code, which has 16
-/// bits in steps of 1/256.
+/// Largest gain that the page may request: that of the rig's gain code, which has 16 bits in steps
+/// of 1/256.
 const LARGEST_GAIN: f64 = 255.0;
-/// Most light that the page may ask for, lx: ten times the sun's.
+/// Maximum illuminance that the page may request, lx: ten times sunlight.
 const MAX_LUX: f64 = 1e6;
 
 /// A message of the page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Ask {
-    /// Send what is next.
+    /// Send the next message.
     Next(Next),
     /// Save the frame that was sent last.
     Save,
-    /// Pass this on.
+    /// Pass this order to the stream.
     Set(Order),
 }
 
-/// What the page has already, and what it wants.
+/// What the page has already, and whether it wants samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Next {
-    /// Frames that it knows of.
+    /// Number of the last frame that it has.
     pub seen: u64,
     /// Number of the last event that it has.
     pub event: u64,
@@ -44,13 +44,13 @@ pub enum Order {
     ExposureS(f64),
     /// Analog gain to write.
     AnalogGain(f64),
-    /// Whether the exposure follows the light.
+    /// Automatic exposure.
     AutoExposure(bool),
     /// Illuminance of the scene, lx.
     Lux(f64),
     /// Light on the scene, by its name.
     Illuminant(String),
-    /// Scene to look at, by its name.
+    /// Scene, by its name.
     Scene(String),
     /// Read the registers.
     Registers,
@@ -58,7 +58,7 @@ pub enum Order {
     Register {
         /// Its address.
         address: u16,
-        /// What to write.
+        /// Its value.
         value: u32,
     },
     /// Whether frames are recorded.

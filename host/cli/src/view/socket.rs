@@ -1,4 +1,4 @@
-//! A browser's WebSocket: it asks, the server answers. Frames wait for nobody, see [`super`].
+//! A browser's WebSocket: it asks, the server answers. See [`super`].
 
 use super::Console;
 use super::http::{Head, Refusal};
@@ -14,18 +14,18 @@ use tungstenite::handshake::derive_accept_key;
 use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Message, WebSocket};
 
-/// Longest message of a page, bytes: far more than an order has.
+/// Longest message of a page, bytes: far more than an order needs.
 const LONGEST_MESSAGE: usize = 4096;
-/// Time after which a page that asks nothing is given up. It asks some times per second; tabs in
-/// the background are slowed down to once a minute.
+/// Time after which a silent page is dropped. A page asks several times per second; tabs in the
+/// background are slowed down to once a minute.
 const READ_PATIENCE: Duration = Duration::from_secs(150);
-/// Longest wait for something new. A trade: a page soon sees that the server is there, and a rig
-/// that stands still costs little.
+/// Longest wait for something new. A trade-off: a page soon sees that the server is there, and a
+/// stalled rig costs little.
 const NEWS_PATIENCE: Duration = Duration::from_millis(250);
-/// The protocol that is spoken; the token is another one that the page names.
+/// The WebSocket protocol; the token is another one that the page names.
 const PROTOCOL: &str = "camrig";
 
-/// Serves a page until it goes.
+/// Serves a page until it disconnects.
 pub fn serve(mut stream: TcpStream, head: Head, console: &Console) {
     let key = match console.guard.check_token(&head).and_then(|()| key(&head)) {
         Ok(key) => derive_accept_key(key.as_bytes()),
@@ -62,16 +62,16 @@ fn key(head: &Head) -> std::result::Result<&str, Refusal> {
     head.only("Sec-WebSocket-Key").filter(|_| asked).ok_or(refusal)
 }
 
-/// A page that is served.
+/// A page being served.
 struct Page<'a> {
     socket: WebSocket<TcpStream>,
     console: &'a Console,
-    /// The frame whose samples were sent last: what it shows.
+    /// The frame whose samples were sent last, which the page shows.
     shown: Option<Arc<Frame>>,
 }
 
 impl Page<'_> {
-    /// Answers until the page goes, breaks the rules or is silent too long.
+    /// Answers until the page disconnects, breaks the protocol or is silent too long.
     fn serve(&mut self) {
         while let Ok(message) = self.socket.read() {
             let told = match message {
@@ -102,11 +102,11 @@ impl Page<'_> {
     }
 
     fn save(&self) -> Result<()> {
-        let none = || Error::input("there is no frame yet to be saved").help("wait for one");
+        let none = || Error::input("no frame to save yet").help("wait for the first one");
         let frame = self.shown.as_ref().ok_or_else(none)?;
         let place = self.console.desk.save(frame)?;
         let number = frame.number;
-        let note = format!("frame {number} is saved: {place}");
+        let note = format!("frame {number} saved: {place}");
         self.console.shared.change(|state| state.note("page", note));
         Ok(())
     }

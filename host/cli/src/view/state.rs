@@ -1,5 +1,5 @@
-//! What the console knows: the newest frame, figures over frames, events. The streaming thread
-//! writes it, the pages' threads read it.
+//! State of the console: the newest frame, figures over frames, events. The streaming thread writes
+//! it, the pages' threads read it.
 
 use camrig_base::{Error, RawFrame};
 use camrig_exposure::CubeHeader;
@@ -14,23 +14,23 @@ use std::time::{Duration, Instant};
 
 /// Frames whose times are kept: more than a page plots.
 const TIMES: usize = 1024;
-/// Time over which the frame rate is counted, s. A trade: the figure follows a change and still
-/// can be read.
+/// Time over which the frame rate is averaged, s. A trade-off: the figure follows changes and is
+/// still readable.
 const RATE_OVER_S: f64 = 2.0;
-/// Events that are kept for pages that come later.
+/// Number of events kept for pages that connect later.
 const EVENTS: usize = 100;
 
-/// What a frame was exposed to.
+/// The light of a frame.
 pub struct Light {
     /// The light on a scene of reflectances.
     pub illuminant: Option<Illuminant>,
     /// What the irradiance was made from.
     pub header: CubeHeader,
-    /// Colour and white of such frames.
+    /// Colour matrices and white of such frames.
     pub info: DngInfo,
 }
 
-/// A frame and how it came about.
+/// A frame with its settings and light.
 pub struct Frame {
     /// Counted from 1.
     pub number: u64,
@@ -40,9 +40,9 @@ pub struct Frame {
     pub settings: FrameSettings,
     /// The sensor's frame counter.
     pub counter: u16,
-    /// What the rig did to it on request of its registers.
+    /// Faults or patterns that the rig's registers injected.
     pub injected: Option<String>,
-    /// What it was exposed to.
+    /// Its light.
     pub light: Arc<Light>,
 }
 
@@ -53,7 +53,7 @@ pub struct Source {
     pub camera: String,
     /// The rig's address, without its token.
     pub rig: String,
-    /// Frames per second that are asked for.
+    /// Requested frame rate, frames/s.
     pub fps: f64,
     /// Scenes to choose from.
     pub scenes: Vec<String>,
@@ -61,18 +61,18 @@ pub struct Source {
     pub illuminants: Vec<String>,
 }
 
-/// What was asked for last.
+/// The latest settings.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Settings {
     /// Exposure, s.
     pub exposure_s: f64,
     /// Gain.
     pub analog_gain: f64,
-    /// Whether the exposure follows the light.
+    /// Automatic exposure.
     pub auto_exposure: bool,
-    /// Illuminance, lx; `None` for a scene in its own light.
+    /// Illuminance, lx; `None` for a scene that includes its light.
     pub lux: Option<f64>,
-    /// The light's name; `None` for a scene in its own light.
+    /// The light's name; `None` for a scene that includes its light.
     pub illuminant: Option<String>,
     /// The scene's name.
     pub scene: String,
@@ -82,12 +82,12 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// No frame has come yet.
+    /// No frame has arrived yet.
     #[default]
     Starting,
-    /// Frames come.
+    /// Frames arrive.
     Streaming,
-    /// The link is down and is being opened again.
+    /// The link is down and is being reopened.
     Reconnecting,
 }
 
@@ -98,26 +98,26 @@ pub struct Timing {
     pub frame: u64,
     /// After the start of the stream, s.
     pub at_s: f64,
-    /// After the beginning of the frame before, ms.
+    /// After the beginning of the previous frame, ms.
     pub period_ms: f64,
     /// Whether it began late.
     pub late: bool,
 }
 
-/// Something to be told.
+/// An event.
 #[derive(Clone, Debug, Serialize)]
 pub struct Event {
-    /// Counted from 1; one that is repeated gets a new number.
+    /// Counted from 1; a repeated one gets a new number.
     pub number: u64,
-    /// Frames that had come before it.
+    /// Number of frames before it.
     pub frame: u64,
     /// What it is about: `rig`, `link`, `page`, `optics`, `scene`.
     pub source: &'static str,
-    /// In words.
+    /// The message.
     pub text: String,
-    /// Whether something went wrong.
+    /// Whether it is an error.
     pub error: bool,
-    /// How often it happened: in a row, or at all where there is cause for it again and again.
+    /// How often it happened: in a row, or in total for recurring events.
     pub count: u32,
 }
 
@@ -126,15 +126,15 @@ pub struct Event {
 pub struct Register {
     /// Its address.
     pub address: u16,
-    /// What it is, with its unit.
+    /// Its name, with its unit.
     pub name: &'static str,
-    /// What it holds.
+    /// Its value.
     pub value: u32,
-    /// Whether it takes values.
+    /// Whether it is writable.
     pub writable: bool,
 }
 
-/// A recording under way.
+/// A recording in progress.
 #[derive(Clone, Debug, Serialize)]
 pub struct Recording {
     /// The file.
@@ -143,39 +143,39 @@ pub struct Recording {
     pub frames: u64,
 }
 
-/// A scene that changes, so far.
+/// Progress of a changing scene.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Progress {
-    /// Frames that showed the light before once more, as the next was not there in time.
+    /// Frames that repeated the previous light, because the next was not ready in time.
     pub late: u64,
-    /// Its own frames, counted; null of a scene that is no sequence.
+    /// Counts of its frames; null if the scene is not a sequence.
     pub frames: Value,
 }
 
 /// The stream so far.
 #[derive(Default)]
 pub struct State {
-    /// What does not change.
+    /// Constants of the stream.
     pub source: Source,
-    /// What was asked for.
+    /// The latest settings.
     pub settings: Settings,
-    /// How the stream is.
+    /// Status of the stream.
     pub status: Status,
     /// What is being computed, in words.
     pub busy: Option<String>,
     /// The newest frame.
     pub newest: Option<Arc<Frame>>,
-    /// Frames begun, those that were dropped included.
+    /// Frames begun, including dropped ones.
     pub frames: u64,
     /// Frames that began late.
     pub late: u64,
     /// Frames that the rig dropped on request.
     pub dropped: u64,
-    /// The scene, where it changes.
+    /// Progress of the scene, if it changes.
     pub scene: Option<Progress>,
     /// The registers as read last.
     pub registers: Vec<Register>,
-    /// The recording under way.
+    /// The recording in progress.
     pub recording: Option<Recording>,
     times: VecDeque<Timing>,
     events: VecDeque<Event>,
@@ -203,35 +203,34 @@ impl State {
         Some(frames as f64 / (newest - first.at_s))
     }
 
-    /// Times of frames after one.
+    /// Times of frames after a given one.
     pub fn times_after(&self, frame: u64) -> Vec<Timing> {
         self.times.iter().filter(|t| t.frame > frame).copied().collect()
     }
 
-    /// Events after one.
+    /// Events after a given one.
     pub fn events_after(&self, number: u64) -> Vec<&Event> {
         self.events.iter().filter(|e| e.number > number).collect()
     }
 
-    /// Tells something.
+    /// Adds an event.
     pub fn note(&mut self, source: &'static str, text: impl Into<String>) {
         self.tell(source, text.into(), false, 1);
     }
 
-    /// Tells something for which there is cause again and again, between other things: it stays one
-    /// event, which counts.
+    /// Adds a recurring event: it stays a single one with a count, even with others in between.
     pub fn note_again(&mut self, source: &'static str, text: impl Into<String>) {
         self.tell(source, text.into(), false, EVENTS);
     }
 
-    /// Tells that something went wrong: what, where, and what would be right.
+    /// Adds an error: what is wrong, where, and what would be right.
     pub fn fault(&mut self, source: &'static str, error: &Error) {
         let place = error.place().map_or(String::new(), |place| format!(" ({place})"));
         let remedy = error.remedy().map_or(String::new(), |remedy| format!(": {remedy}"));
         self.tell(source, format!("{}{place}{remedy}", error.what()), true, 1);
     }
 
-    /// Tells something, which is one event with the same among the last ones.
+    /// Adds an event, or counts it if the same is among the last ones.
     fn tell(&mut self, source: &'static str, text: String, error: bool, last: usize) {
         self.told += 1;
         let same = |e: &Event| e.text == text && e.source == source;
@@ -254,19 +253,19 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// A stream that has not begun.
+    /// A stream before its first frame.
     pub fn new(source: Source, settings: Settings) -> Self {
         let state = State { source, settings, ..State::default() };
         Self { state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// The state as it is.
+    /// The current state.
     pub fn lock(&self) -> MutexGuard<'_, State> {
         // A thread that panicked has left the figures as they were.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes the state and wakes who waits for news.
+    /// Changes the state and wakes the waiting pages.
     pub fn change<T>(&self, how: impl FnOnce(&mut State) -> T) -> T {
         let result = how(&mut self.lock());
         self.changed.notify_all();

@@ -145,10 +145,7 @@ fn a_page_is_sent_frames_as_it_asks_and_its_orders_are_passed_on() {
         }
     }
     let said = events(&told);
-    assert!(
-        said[0].contains("frame 1 is saved: x.dng") && said[1].contains("above 0"),
-        "{said:?}"
-    );
+    assert!(said[0].contains("frame 1 saved: x.dng") && said[1].contains("above 0"), "{said:?}");
     assert_eq!(*served.desk.0.lock().unwrap(), ["save 1", "ExposureS(0.02)"]);
 }
 
