@@ -46,7 +46,7 @@ pub struct Frame {
     pub light: Arc<Light>,
 }
 
-/// What does not change.
+/// Constants of a stream.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Source {
     /// The camera's name.
@@ -78,7 +78,7 @@ pub struct Settings {
     pub scene: String,
 }
 
-/// How the stream is.
+/// Status of the stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
