@@ -95,5 +95,5 @@ fn rows_that_stay_with_the_rig_are_those_of_the_host() {
     let mut emulator = Rig::open("emulator:").unwrap();
     emulator.set_camera(&sensor).unwrap();
     let said = emulator.frame(&cube, &sensor, &request).unwrap_err().to_string();
-    assert!(said.contains("no way out"), "{said}");
+    assert!(said.contains("no raw output"), "{said}");
 }
