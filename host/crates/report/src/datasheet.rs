@@ -21,7 +21,7 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
     facts.retain(|fact| fact.0 != "Camera");
     facts.insert(0, ("Camera", camera.name.clone()));
     emva::first_sheet(&mut page, &sheet.emva, &facts);
-    page.heading_on_new_sheet("Quantum efficiency, and MTF in the middle of the image").grid(
+    page.heading_on_new_sheet("Quantum efficiency, and MTF at the centre of the image").grid(
         |page| {
             page.plot(&efficiency(sheet)).plot(&transfer(sheet));
         },
@@ -51,7 +51,7 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
             page.rows(&table);
         }
         None => {
-            page.paragraph("This camera file has no table of crosstalk factors.");
+            page.paragraph("This camera file has no crosstalk table.");
         }
     }
     page.heading("Plots of the standard").grid(|page| emva::plots(page, &sheet.emva));
@@ -62,7 +62,7 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
 
 fn efficiency(sheet: &Datasheet) -> Plot {
     let mut plot = Plot::new("Quantum efficiency", "wavelength, nm", "electrons per photon, e⁻");
-    plot.note("Flats through seven filters of 10 nm, per photon on the pixel.");
+    plot.note("From flats through seven filters of 10 nm, per photon on the pixel.");
     for (c, channel) in sheet.channels.iter().enumerate() {
         let points = sheet.efficiency.iter().map(|(nm, v)| [*nm, v[c].value]).collect();
         let colour = Colour::of_channel(channel);
@@ -74,7 +74,7 @@ fn efficiency(sheet: &Datasheet) -> Plot {
 fn transfer(sheet: &Datasheet) -> Plot {
     let mut plot = Plot::new("MTF", "spatial frequency, cycles/pixel", "modulation");
     plot.x_range(0.0, 1.0).y_range(0.0, 1.1).limit_x(0.5, "Nyquist");
-    plot.note("Slanted edge under D65, raw samples of each channel.");
+    plot.note("From a slanted edge in D65, raw samples of each channel.");
     for edge in &sheet.edges {
         let colour = Colour::of_channel(&edge.channel);
         plot.series(&edge.channel.to_uppercase(), Mark::Line, colour, edge.curve.clone());

@@ -49,7 +49,9 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
         },
         |page| {
             page.rows(&figures(result));
-            page.small("Value ± standard error. All: channels weighted by their errors.");
+            page.small(
+                "Value ± standard error. All: mean of the channels, weighted by their errors.",
+            );
         },
     );
     page
@@ -69,11 +71,11 @@ fn transfer(result: &ptc::Ptc) -> Plot {
         plot.with_errors(&capitalised(name), Mark::Points, colour, &points);
         left_out.extend(of(false).map(|p| [p[0], p[1]]));
     }
-    let rest = if left_out.is_empty() { "" } else { " Rings: not in the fit." };
+    let rest = if left_out.is_empty() { "" } else { " Rings: not used in the fit." };
     if !left_out.is_empty() {
-        plot.series("left out", Mark::Hollow, Colour::Reference, left_out);
+        plot.series("not used", Mark::Hollow, Colour::Reference, left_out);
     }
-    plot.note(&format!("A dot per capture with a bar of one standard error.{rest}"));
+    plot.note(&format!("One dot per capture, with an error bar of one standard error.{rest}"));
     plot
 }
 
@@ -91,11 +93,11 @@ const FIGURES: [(&str, &str, Take); 15] = [
     ("DSNU", "e⁻", |f| &f.dsnu_e),
     ("Dark current, from means", "e⁻/s", |f| &f.dark_current_e_per_s),
     ("Dark current, from variances", "e⁻/s", |f| &f.dark_current_from_variance_e_per_s),
-    ("Scatter of the dark current", "e⁻/s", |f| &f.dsnu_e_per_s),
+    ("Dark current non-uniformity", "e⁻/s", |f| &f.dsnu_e_per_s),
     ("Dark current doubles every", "°C", |f| &f.dark_doubling_c),
-    ("Fixed pattern of pixels", "e⁻", |f| &f.pixel_fpn_e),
-    ("Fixed pattern of rows", "e⁻", |f| &f.row_fpn_e),
-    ("Fixed pattern of columns", "e⁻", |f| &f.column_fpn_e),
+    ("Pixel fixed-pattern noise", "e⁻", |f| &f.pixel_fpn_e),
+    ("Row fixed-pattern noise", "e⁻", |f| &f.row_fpn_e),
+    ("Column fixed-pattern noise", "e⁻", |f| &f.column_fpn_e),
 ];
 
 /// A row per figure, a column for all and one per channel.
@@ -123,7 +125,8 @@ fn figures(result: &ptc::Ptc) -> Table {
 /// The page of slanted edges. `pitch_um` is the side of a pixel, where it is known.
 pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
     let mut page = Page::new("Slanted-edge response");
-    page.kind("Measurement").subtitle(&format!("{name} · after ISO 12233:2023, on raw channels"));
+    page.kind("Measurement")
+        .subtitle(&format!("{name} · ISO 12233:2023, applied to raw channels"));
     // Of several edges, those nearest the centre.
     let nearest = edges.iter().map(|e| e.field).fold(f64::INFINITY, f64::min);
     let central = edges.iter().filter(|e| e.field == nearest);
@@ -157,7 +160,7 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
             format!("{:.0}", e.position[0]),
             format!("{:.0}", e.position[1]),
             with_error(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error)),
-            pitch_um.map_or_else(|| "pitch not known".into(), per_mm),
+            pitch_um.map_or_else(|| "unknown pitch".into(), per_mm),
             e.mtf_at_nyquist
                 .map_or_else(|| NOT_DETERMINED.into(), |v| with_error(v, at_nyquist(e))),
             number(e.angle_deg),
@@ -169,8 +172,8 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
     }));
     page.rows(&table);
     page.small(
-        "Value ± standard error, from leaving out a tenth of the rows at a time, or from the \
-         spread between frames where that is more. Field: distance from the centre over half the \
+        "Value ± standard error, from a jackknife over tenths of the rows, or from the spread \
+         between frames if that is larger. Field: distance from the centre divided by half the \
          diagonal; x to the right and y down from the centre.",
     );
     page
@@ -226,8 +229,8 @@ fn response(edges: &[mtf::Edge]) -> Plot {
         plot.series(&name, Mark::Line, colour, edge.curve.clone());
     }
     plot.note(
-        "The pixel's own aperture is part of it. Bands: two standard errors. Nyquist is that of \
-         the pixel grid.",
+        "Includes the pixel aperture. Bands: two standard errors. Nyquist frequency of the pixel \
+         grid.",
     );
     plot
 }
@@ -240,6 +243,6 @@ fn spread(edges: &[mtf::Edge]) -> Plot {
         plot.series(&name, Mark::Line, colour, edge.spread.clone());
     }
     plot.x_range(-BESIDE_EDGE, BESIDE_EDGE);
-    plot.note("Samples along the edge's normal, in bins of a quarter of the channel's pitch.");
+    plot.note("Samples along the edge normal, in bins of a quarter of the channel's pitch.");
     plot
 }

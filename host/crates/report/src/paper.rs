@@ -35,13 +35,13 @@ pub fn page(
     info: &DngInfo,
     causes: &str,
 ) -> Result<String> {
-    let mut page = Page::new("Section VI of Chen et al. 2009, repeated");
+    let mut page = Page::new("Section VI of Chen et al. 2009, reproduced");
     let captured = sides[0].figures;
     page.kind("Validation").paragraph(
         "A ColorChecker and a slanted edge under D65 at two light levels (300 lx and 10 lx in the \
          paper). The paper compares frames of a real module with simulated ones and finds four \
-         differences; each is below, first against the model, then against the model with its \
-         causes.",
+         differences. Each is shown below, first for the model, then for the model with its causes \
+         included.",
     );
     page.heading("The four differences");
     page.table(&headings(sides), &difference_rows(sides, levels));
@@ -80,7 +80,7 @@ pub fn page(
         page.plot(&profile(sides)).plot(&displacement(sides));
     });
     pictures(&mut page, sides, info, [&bright, &dim])?;
-    page.heading("The causes");
+    page.heading("Causes");
     page.verbatim(causes);
     Ok(page.html())
 }
@@ -95,9 +95,12 @@ fn profile(sides: &[Side<'_>]) -> Plot {
 }
 
 fn displacement(sides: &[Side<'_>]) -> Plot {
-    let mut plot =
-        Plot::new("Where edges lie along the row", "column, pixels", "captured − model, pixels");
-    plot.note("Displacement by correlation: size of the image and distortion.");
+    let mut plot = Plot::new(
+        "Displacement of edges along the row",
+        "column, pixels",
+        "captured − model, pixels",
+    );
+    plot.note("Found by correlation; caused by image size and distortion.");
     for (side, colour) in sides.iter().zip(COLOURS).skip(1) {
         let points = side.differences.map(|d| d.displacements_px.clone()).unwrap_or_default();
         plot.series(side.name, Mark::Points, colour, points);
@@ -106,7 +109,7 @@ fn displacement(sides: &[Side<'_>]) -> Plot {
 }
 
 fn headings<'a>(sides: &[Side<'a>]) -> Vec<&'a str> {
-    let mut all = vec!["captured against"];
+    let mut all = vec!["captured compared with"];
     all.extend(sides.iter().skip(1).map(|s| s.name));
     all
 }
@@ -133,7 +136,7 @@ fn difference_rows(sides: &[Side<'_>], levels: &[Level; 2]) -> Vec<Vec<String>> 
         row(&format!("standard deviation of luminance, {} lx", levels[1].lux), &scatter(1)),
         row("brightness, all patches", &|d| format!("{:.3}", d.brightness_ratio)),
         row("correlation of the rows", &|d| format!("{:.5}", d.profile_correlation)),
-        row("image displaced at the frame's side", &|d| {
+        row("displacement at the edge of the frame", &|d| {
             format!("{} pixels", signed(d.displacement_at_edge_px, 2))
         }),
         row("defects per million in dim light, model and captured", &|d| {

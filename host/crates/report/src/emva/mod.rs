@@ -49,7 +49,7 @@ pub(crate) fn first_sheet(page: &mut Page, result: &Checked, facts: &[(&str, Str
             page.subheading("Figures of merit").rows(&table::merit(&result.channels));
             page.small(
                 "Value ± standard error; a figure without ± has no error estimate. ≥: a lower \
-                 limit, as the light did not reach saturation. –: not determined from these \
+                 limit, because the light did not reach saturation. –: not determined from these \
                  captures.",
             );
         },
@@ -106,11 +106,11 @@ fn key_figures(result: &Checked) -> Vec<KeyFigure> {
     all.push(figure.below(&photons.unwrap_or_default()));
     let range = format!("{}\u{a0}dB", limit(f.dynamic_range_db));
     let figure = KeyFigure::new(&format!("Dynamic range{of}"), &range);
-    all.push(figure.below(&format!("highest SNR {}\u{a0}dB", limit(f.snr_max_db))));
+    all.push(figure.below(&format!("maximum SNR {}\u{a0}dB", limit(f.snr_max_db))));
     all
 }
 
-/// What the captures say of how they were taken; what they do not say is left out.
+/// How the captures were taken, as far as they state it.
 pub(crate) fn operating_point(c: &Conditions, source: &str) -> Vec<(&'static str, String)> {
     let s = &c.sensor;
     let mut all = Vec::new();
@@ -129,7 +129,7 @@ pub(crate) fn operating_point(c: &Conditions, source: &str) -> Vec<(&'static str
     all.extend(light.map(|text| ("Light", text)));
     let [shortest, longest] = c.exposure_s;
     let exposure = match shortest == longest {
-        true => format!("{}; the light was varied", seconds(shortest)),
+        true => format!("{}, light varied", seconds(shortest)),
         false => format!("{} to {}", seconds(shortest), seconds(longest)),
     };
     all.push(("Exposure", exposure));
@@ -159,13 +159,13 @@ fn frames(c: &Conditions) -> String {
         false => format!("{fewest} to {most}"),
     };
     let spatial = c.spatial_frames.map_or(String::new(), |[dark, flat]| {
-        format!("; for the spatial figures {dark} dark, {flat} flat")
+        format!("; spatial figures: {dark} dark, {flat} flat")
     });
     let levels = counted(c.levels, "level");
-    format!("{levels} of {each}; {}{spatial}", counted(c.darks, "dark stack"))
+    format!("{levels} of {each} frames; {}{spatial}", counted(c.darks, "dark stack"))
 }
 
-/// Warnings as sentences; what is alike for several channels is said once.
+/// Warnings as sentences; the same one for several channels is merged.
 fn remarks(warnings: &[String]) -> Vec<String> {
     let parts = |warning: &str| match warning.strip_prefix("channel ") {
         Some(rest) => match rest.split_once(": ") {
@@ -196,7 +196,7 @@ fn remarks(warnings: &[String]) -> Vec<String> {
     out
 }
 
-/// With a large first letter.
+/// With a capital first letter.
 pub(crate) fn capitalised(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())

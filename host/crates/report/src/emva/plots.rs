@@ -12,9 +12,9 @@ const TRANSFER_RANGE: f64 = 0.7;
 const LINEARITY_RANGE: std::ops::RangeInclusive<f64> = 0.05..=0.95;
 /// Photons from which axes count them in thousands.
 const MANY_PHOTONS: f64 = 1e4;
-/// Points of a spectrum or profile, at most.
+/// Maximum number of points of a spectrum or profile.
 const POINTS: usize = 400;
-/// Share of the pixels that the axis of a histogram leaves out at most.
+/// Maximum share of the pixels beyond the axis of a histogram.
 const BEYOND: f64 = 2e-4;
 
 /// A part of what was measured of a channel.
@@ -106,8 +106,8 @@ fn photon_transfer(channels: &[ChannelEmva]) -> Option<Plot> {
         "temporal variance above dark, DN²",
     );
     plot.note(
-        "Dots: light levels. Dashed: K · signal, fitted from 0 to 70 % of saturation. Where the \
-         variance falls, pixels saturate.",
+        "Dots: light levels. Dashed: K · signal, fitted from 0 to 70 % of saturation. Pixels \
+         saturate where the variance falls.",
     );
     each(&mut plot, channels, Mark::Points, |c| {
         c.levels.iter().map(|l| [l.signal_dn, l.variance_dn2]).collect()
@@ -178,8 +178,7 @@ fn linearity(channels: &[ChannelEmva]) -> Option<Plot> {
     let (factor, axis) = photons(channels)?;
     let mut plot = Plot::new("Linearity", axis, "deviation from the fit, %");
     plot.note(
-        "Of the levels of the fit, 5 to 95 % of saturation; it is weighted by 1/signal, as the \
-         standard's.",
+        "Levels of the fit, 5 to 95 % of saturation, weighted by 1/signal as in the standard.",
     );
     each(&mut plot, channels, Mark::Points, |c| {
         let [low, high] =
@@ -207,7 +206,7 @@ fn dark_current(result: &Checked) -> Option<[Plot; 2]> {
         c.darks.iter().map(|d| [d.exposure_s, d.mean_dn]).collect()
     });
     let of_mean = c.darks.iter().map(|d| [d.exposure_s, d.mean_dn]);
-    mean.note(&told(result, c, c.figures.dark_current_mean_e_per_s));
+    mean.note(&dark_note(result, c, c.figures.dark_current_mean_e_per_s));
     if let Some(rate) = c.figures.dark_current_mean_e_per_s {
         dashed(&mut mean, &format!("fit{}", of(channels, c)), line(of_mean.collect(), k * rate));
     }
@@ -217,7 +216,7 @@ fn dark_current(result: &Checked) -> Option<[Plot; 2]> {
         c.darks.iter().map(|d| [d.exposure_s, d.variance_dn2]).collect()
     });
     let of_variance = c.darks.iter().map(|d| [d.exposure_s, d.variance_dn2]);
-    variance.note(&told(result, c, c.figures.dark_current_variance_e_per_s));
+    variance.note(&dark_note(result, c, c.figures.dark_current_variance_e_per_s));
     if let Some(rate) = c.figures.dark_current_variance_e_per_s {
         let slope = k * k * rate;
         let line = line(of_variance.collect(), slope);
@@ -234,7 +233,7 @@ fn line(points: Vec<[f64; 2]>, slope: f64) -> Vec<[f64; 2]> {
     [0.0, longest].map(|t| [t, y + slope * (t - x)]).to_vec()
 }
 
-fn told(result: &Checked, c: &ChannelEmva, rate: Option<f64>) -> String {
+fn dark_note(result: &Checked, c: &ChannelEmva, rate: Option<f64>) -> String {
     let Some(rate) = rate else { return "Dots: dark stacks.".into() };
     let of = of(&result.channels, c);
     let at = match result.conditions.temperature_c {
@@ -243,7 +242,7 @@ fn told(result: &Checked, c: &ChannelEmva, rate: Option<f64>) -> String {
     };
     let doubling = c.figures.dark_current_doubling_c;
     let doubling =
-        doubling.map_or(String::new(), |t| format!(", twice that {}\u{a0}°C warmer", number(t)));
+        doubling.map_or(String::new(), |t| format!(", doubling every {}\u{a0}°C", number(t)));
     format!("Dots: dark stacks. Slope{of}: {}{at}{doubling}.", amount(rate, None, "e⁻/s"))
 }
 
@@ -261,7 +260,7 @@ fn spectra(
         "root of the power, DN",
     );
     plot.log_y().x_range(0.0, 0.5);
-    plot.note("White noise is flat; a peak is a pattern of its period.");
+    plot.note("White noise is flat; a peak is a periodic pattern.");
     each(&mut plot, channels, Mark::Line, |c| {
         let Some(s) = of(c) else { return Vec::new() };
         spectrum(if upright { &s.vertical } else { &s.horizontal })
@@ -362,7 +361,7 @@ fn accumulated(channels: &[ChannelEmva], what: &str, of: Of<Histogram>) -> Optio
     }
     let mut plot = Plot::new(
         &format!("{what} accumulated"),
-        "deviation from the mean, at least, DN",
+        "minimum deviation from the mean, DN",
         "share of the pixels, %",
     );
     let (reach, beyond) = common_reach(&all);
@@ -371,7 +370,7 @@ fn accumulated(channels: &[ChannelEmva], what: &str, of: Of<Histogram>) -> Optio
         0 => String::new(),
         n => beyond_axis(n),
     };
-    plot.note(&format!("How many pixels deviate by so much or more.{left_out}"));
+    plot.note(&format!("Share of pixels that deviate by at least this much.{left_out}"));
     for (c, h) in all {
         let mut sides = deviations(h);
         sides.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -392,7 +391,7 @@ fn profiles(channels: &[ChannelEmva]) -> Vec<Plot> {
     let Some(c) = reference(channels) else { return Vec::new() };
     let Some(profiles) = &c.profiles else { return Vec::new() };
     let of = of(channels, c);
-    let values = [format!("mean dark frame{of}, DN"), format!("mean flat less dark{of}, DN")];
+    let values = [format!("mean dark frame{of}, DN"), format!("mean flat minus dark{of}, DN")];
     let mut all = Vec::new();
     for ((both, value), what) in profiles.iter().zip(&values).zip(["Dark", "Flat"]) {
         let ways = [
@@ -403,9 +402,9 @@ fn profiles(channels: &[ChannelEmva]) -> Vec<Plot> {
             let mut plot = Plot::new(&format!("{what} profile, {way}"), axis, value);
             let (mean, ends) = thinned(profile);
             let colour = Colour::of_channel(&c.channel);
-            plot.band("lowest to highest", Colour::Reference, ends);
+            plot.band("range", Colour::Reference, ends);
             plot.series("mean", Mark::Line, colour, mean);
-            plot.note("Mean of the pixels of each line, and their range.");
+            plot.note("Mean of the pixels in each line, and their range.");
             all.push(plot);
         }
     }

@@ -74,7 +74,7 @@ const RANGE: [Row; 4] = [
         .limited(),
     row(["Saturation capacity", "μ_e.sat", "e⁻"], |c| Some(c.figures.saturation_capacity_e))
         .limited(),
-    row(["Highest signal-to-noise ratio", "SNR_max", "dB"], |c| Some(c.figures.snr_max_db))
+    row(["Maximum signal-to-noise ratio", "SNR_max", "dB"], |c| Some(c.figures.snr_max_db))
         .limited(),
     row(["Dynamic range", "DR", "dB"], |c| Some(c.figures.dynamic_range_db)).limited(),
 ];
@@ -108,8 +108,8 @@ const RESPONSE: [Row; 4] = [
 ];
 
 const RATIOS: [Row; 4] = [
-    row(["Highest signal-to-noise ratio", "SNR_max", "1"], |c| Some(c.figures.snr_max)).limited(),
-    row(["Highest signal-to-noise ratio", "SNR_max", "bit"], |c| Some(c.figures.snr_max_bit))
+    row(["Maximum signal-to-noise ratio", "SNR_max", "1"], |c| Some(c.figures.snr_max)).limited(),
+    row(["Maximum signal-to-noise ratio", "SNR_max", "bit"], |c| Some(c.figures.snr_max_bit))
         .limited(),
     row(["Dynamic range", "DR", "1"], |c| Some(c.figures.dynamic_range)).limited(),
     row(["Dynamic range", "DR", "bit"], |c| Some(c.figures.dynamic_range_bit)).limited(),
@@ -143,8 +143,8 @@ pub(crate) fn further(channels: &[ChannelEmva]) -> Table {
     table(
         channels,
         &[
-            ("Parts of the nonuniformity", &PARTS),
-            ("Response (K₀ is without the curvature of the response)", &RESPONSE),
+            ("Components of the nonuniformity", &PARTS),
+            ("Response (K₀: gain at small signals, corrected for curvature)", &RESPONSE),
             ("As ratios and bits", &RATIOS),
         ],
     )

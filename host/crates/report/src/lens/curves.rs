@@ -16,11 +16,11 @@ const PSF_ROWS: usize = 4;
 const PARTS: [f64; 3] = [1.0 / 40.0, 1.0 / 16.0, 1.0 / 6.4];
 /// Points of an MTF over frequency.
 const POINTS: u32 = 100;
-/// How the two directions are told apart.
-const DIRECTIONS: &str = "Solid: fringes across the radius. Dashed: along it.";
+/// The marks of the two directions.
+const DIRECTIONS: &str = "Solid: tangential. Dashed: sagittal.";
 
-/// Drawings of the tables of a lens, each with a name for its file. A side of the pixel, µm, adds
-/// what it is compared with.
+/// Drawings of the tables of a lens, each with a file name. A pixel pitch, µm, adds the pixel for
+/// comparison.
 pub(super) fn of_tables(
     lens: &Characterisation,
     pixel_um: Option<f64>,
@@ -38,10 +38,8 @@ pub(super) fn of_tables(
         true => 100.0 * (lens.distortion(w).at(h) / h - 1.0),
         false => f64::NAN,
     };
-    let mut all = vec![(
-        "distortion",
-        curves("Distortion", "real over paraxial height − 1, %", &distortion),
-    )];
+    let mut all =
+        vec![("distortion", curves("Distortion", "real / paraxial height − 1, %", &distortion))];
     all.extend(lateral_colour(lens, pixel_um).map(|plot| ("lateral-colour", plot)));
     let mut illumination = curves("Relative illumination", "ratio to the axis, 1", &|h, w| {
         lens.illumination(w).at(h)
@@ -77,7 +75,7 @@ fn lateral_colour(lens: &Characterisation, pixel_um: Option<f64>) -> Option<Plot
     let waves = super::few(&lens.wavelengths_nm, WAVELENGTHS);
     let reference = *waves.get(waves.len() / 2)?;
     let others = waves.iter().filter(|w| **w != reference);
-    let y = format!("chief ray less that at {}, µm", wave(reference));
+    let y = format!("chief ray relative to {}, µm", wave(reference));
     let mut plot = Plot::new("Lateral colour", "paraxial image height, mm", &y);
     let middle = lens.distortion(reference);
     for &w in others.clone() {
@@ -117,7 +115,7 @@ fn middle(lens: &Characterisation) -> (usize, f64) {
 /// MTF over the field at three frequencies.
 fn over_field(lens: &Characterisation) -> Plot {
     let (psf, (w, nm)) = (&lens.psf, middle(lens));
-    let mut plot = Plot::new("MTF over the field", "paraxial image height, mm", "modulation, 1");
+    let mut plot = Plot::new("MTF across the field", "paraxial image height, mm", "modulation, 1");
     plot.y_range(0.0, 1.0).note(&format!("At {}, with diffraction. {DIRECTIONS}", wave(nm)));
     for (i, part) in PARTS.into_iter().enumerate() {
         let per_mm = rounded(part * cutoff(lens, nm));
@@ -144,7 +142,7 @@ fn over_frequency(lens: &Characterisation, pixel_um: Option<f64>) -> Plot {
     let cutoff = cutoff(lens, nm);
     let top = cutoff.min(500.0 / psf.spacing_um);
     let mut plot =
-        Plot::new("MTF over frequency", "spatial frequency, cycles/mm", "modulation, 1");
+        Plot::new("MTF against frequency", "spatial frequency, cycles/mm", "modulation, 1");
     plot.x_range(0.0, top).y_range(0.0, 1.0);
     plot.note(&format!("At {}. {DIRECTIONS}", wave(nm)));
     let frequencies: Vec<f64> =
@@ -177,7 +175,7 @@ fn over_frequency(lens: &Characterisation, pixel_um: Option<f64>) -> Plot {
 pub(super) fn through_focus(shifted: &[(f64, Characterisation)], per_mm: f64) -> Option<Plot> {
     let (_, first) = shifted.first()?;
     let y = format!("modulation at {}, 1", per_mm_words(per_mm));
-    let mut plot = Plot::new("MTF over focus", "sensor shift away from the lens, µm", &y);
+    let mut plot = Plot::new("Through-focus MTF", "sensor shift away from the lens, µm", &y);
     let (_, nm) = middle(first);
     plot.y_range(0.0, 1.0).limit_x(0.0, "sensor");
     plot.note(&format!("At {}. {DIRECTIONS}", wave(nm)));
@@ -198,7 +196,7 @@ pub(super) fn through_focus(shifted: &[(f64, Characterisation)], per_mm: f64) ->
     Some(plot)
 }
 
-/// Line spread function: the PSF summed over its columns (fringes across the radius) or its rows.
+/// Line spread function: the PSF summed over its columns (tangential) or its rows (sagittal).
 fn line_spread(block: &[f32], size: usize, along_rows: bool) -> Vec<f64> {
     let mut line = vec![0.0; size];
     for (k, v) in block.iter().enumerate() {
@@ -238,6 +236,6 @@ pub(super) fn psfs(lens: &Characterisation) -> Plot {
     let side = psf.size as f64 * psf.spacing_um;
     let title = format!("Point-spread functions, each {} µm wide", number(side));
     let mut plot = picture_grid(&title, &columns, &rows, ["wavelength, nm", "image height, mm"]);
-    plot.note("Each scaled to its own peak, square root; away from the axis is up.");
+    plot.note("Square root, each relative to its own peak; away from the axis is up.");
     plot
 }

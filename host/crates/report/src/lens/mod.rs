@@ -141,7 +141,7 @@ fn prescription(page: &mut Page, traced: Traced<'_>) -> Result<()> {
     let drawn = camrig_lens::section::section(traced.system, &fields, RAYS)?;
     let lens = &traced.system.prescription;
     let caption = format!(
-        "Rays at {}; surfaces without an aperture are as wide as the rays need. {}",
+        "Rays at {}; surfaces without an aperture are drawn as wide as the rays need. {}",
         curves::wave(lens.reference_nm),
         match lens.object {
             Object::Infinity => "Object at infinity.".to_owned(),
@@ -149,7 +149,7 @@ fn prescription(page: &mut Page, traced: Traced<'_>) -> Result<()> {
         }
     );
     let mut table = Table::new(&["surface"])
-        .numbers(&["radius, mm", "to the next, mm"])
+        .numbers(&["radius, mm", "thickness, mm"])
         .words(&["material"])
         .numbers(&["conic"])
         .words(&["polynomial"]);
@@ -199,11 +199,11 @@ fn foci_plot(all: &[(f64, Vec<Foci>)]) -> Plot {
     for (nm, foci) in all {
         let colour = Colour::of_wavelength(*nm);
         let of = |z: fn(&Foci) -> f64| foci.iter().map(|f| [f.height_mm, 1e3 * z(f)]).collect();
-        plot.series(&curves::wave(*nm), Mark::Line, colour, of(|f| f.sagittal_mm));
-        plot.series("", Mark::Dashed, colour, of(|f| f.tangential_mm));
+        plot.series(&curves::wave(*nm), Mark::Line, colour, of(|f| f.tangential_mm));
+        plot.series("", Mark::Dashed, colour, of(|f| f.sagittal_mm));
     }
     plot.limit_y(0.0, "sensor");
-    plot.note("Solid: sagittal. Dashed: tangential. Foci of rays close to the chief ray.");
+    plot.note("Solid: tangential. Dashed: sagittal. Foci of rays close to the chief ray.");
     plot
 }
 

@@ -79,8 +79,8 @@ fn pictures(page: &mut Page, first: &First) {
         }
         page.thumbnail(
             &first.as_captured,
-            "The frame at the brightness of the capture.",
-            "As captured: the white level of the raw samples is white.",
+            "The frame as captured, without brightening.",
+            "As captured: white is the white level of the raw samples.",
         );
     });
 }
@@ -108,7 +108,7 @@ fn key_figures(levels: &Levels, noise: Option<&Noise>, exposure_s: f64) -> [KeyF
     let dark = levels.quantile_of_all(1.0 - BRIGHTEST) <= levels.black;
     let head = match room {
         Some(ev) => KeyFigure::new("Headroom", &format!("{}\u{a0}EV", fixed(ev, 1)))
-            .below("from the brightest 0.1 % to white"),
+            .below("from the brightest 0.1 % to the white level"),
         None if dark => {
             KeyFigure::new("Headroom", numbers::NOT_DETERMINED).below("all samples are dark")
         }
@@ -147,7 +147,7 @@ fn samples(page: &mut Page, first: &First, levels: &Levels) {
             page.headline(|size| histogram(levels, size));
         },
         |page| {
-            page.subheading("Raw, in the colours of the filters");
+            page.subheading("Raw samples in the colours of their filters");
             let (picture, words) = &first.samples;
             page.samples(picture, "Raw samples in the middle of the frame.", words);
         },
@@ -165,7 +165,7 @@ fn histogram(levels: &Levels, size: Size) -> Plot {
         plot.bins(name, Colour::of_channel(name), [-0.5, per_bin as f64], &counts);
     }
     plot.limit_x(levels.black, "black").limit_x(levels.white.into(), "white");
-    plot.note("Empty bins have no line.");
+    plot.note("Empty bins are not drawn.");
     plot
 }
 
@@ -195,7 +195,7 @@ fn table(page: &mut Page, frames: &Frames, noise: Option<&Noise>) {
         more => format!(" Of {}, the first {shown}.", counted(shown + more, "frame")),
     };
     let electrons = noise.map_or_else(String::new, |n| {
-        format!(" Electrons: over the system gain of {} DN/e⁻.", number(n.dn_per_e))
+        format!(" Electrons: DN divided by the system gain, {} DN/e⁻.", number(n.dn_per_e))
     });
     page.small(&format!("DN above black.{electrons}{more}"));
 }
@@ -242,7 +242,7 @@ fn set_up(page: &mut Page, camera: &Camera, settings: &FrameSettings, made_of: &
         ("sensor seed", sensor.seed.to_string()),
         ("first frame", settings.frame.to_string()),
     ];
-    page.heading("Set-up").beside(
+    page.heading("Settings").beside(
         |page| {
             page.facts(made_of);
         },

@@ -1,4 +1,4 @@
-//! The camera's model as curves: response over wavelength, noise and SNR over signal.
+//! The camera's model as curves: response against wavelength, noise and SNR against signal.
 
 use super::frames::Levels;
 use crate::plot::{Colour, Mark, Plot};
@@ -82,8 +82,8 @@ pub(super) fn response(camera: &Camera, light: Option<&Illuminant>) -> Plot {
 pub(super) fn noise(noise: &Noise) -> Plot {
     let mut plot = Plot::new("Noise of a pixel", "signal, e⁻", "standard deviation, e⁻");
     plot.log_x().log_y().note(
-        "Temporal and fixed noise of the base model, before the effects of the camera file. \
-         Rounding: the converter's steps.",
+        "Temporal and fixed-pattern noise of the base model, without the effects of the camera \
+         file.",
     );
     let mut curve = |name: &str, mark: Mark, colour: Colour, of: &dyn Fn(f64) -> f64| {
         // There is no zero on a logarithmic axis.
@@ -91,10 +91,10 @@ pub(super) fn noise(noise: &Noise) -> Plot {
             plot.series(name, mark, colour, noise.curve(of));
         }
     };
-    curve("all", Mark::Line, Colour::Measured, &|s| noise.sigma(s));
+    curve("total", Mark::Line, Colour::Measured, &|s| noise.sigma(s));
     curve("shot", Mark::Dashed, Colour::Series(0), &|s| (noise.shot * s).sqrt());
     curve("read", Mark::Dashed, Colour::Series(2), &|_| noise.read2.sqrt());
-    curve("rounding", Mark::Dashed, Colour::Series(4), &|_| noise.rounding2.sqrt());
+    curve("quantisation", Mark::Dashed, Colour::Series(4), &|_| noise.rounding2.sqrt());
     curve("PRNU", Mark::Dashed, Colour::Series(3), &|s| noise.prnu * s);
     plot.limit_x(noise.full_well_e, "full well");
     plot
@@ -103,7 +103,7 @@ pub(super) fn noise(noise: &Noise) -> Plot {
 /// SNR over signal, with where a channel's samples lie.
 pub(super) fn snr(noise: &Noise, of_frame: Option<(&Levels, usize)>) -> Plot {
     let title = if of_frame.is_some() { "Where the samples lie" } else { "SNR of a pixel" };
-    let mut plot = Plot::new(title, "signal, e⁻", "signal over noise, 1");
+    let mut plot = Plot::new(title, "signal, e⁻", "signal-to-noise ratio, 1");
     plot.log_x().log_y();
     let curve = noise.curve(|s| s / noise.sigma(s));
     plot.series("SNR of the model", Mark::Line, Colour::Measured, curve);

@@ -77,7 +77,7 @@ pub(super) fn comparison(
     if plots.is_empty() {
         return;
     }
-    page.heading("What was swept, against each other");
+    page.heading("Comparison of settings");
     if let (Some(axes), Some(around)) = (&axes, around) {
         let others = settings.words(around, &[axes.row, axes.column]);
         let others = match &others[..] {
@@ -85,12 +85,12 @@ pub(super) fn comparison(
             others => format!(" All with {others}."),
         };
         let region = match chosen.is_some_and(|c| !c.needs.is_empty()) {
-            true => " The heavy line borders what meets the need.",
+            true => " Heavy border: settings that meet the need.",
             false => "",
         };
         let outlined = match chosen {
             Some(_) => "Outlined: the optimum.",
-            None => "Outlined: where a figure is best.",
+            None => "Outlined: the best value of each figure.",
         };
         page.paragraph(&format!("{outlined}{region}{others}"));
     }
@@ -153,7 +153,7 @@ fn heat_map(
     let axis = |index: usize| spoken(&settings.names[index]);
     let mut plot = cells.plot(figure.name, [&axis(axes.column), &axis(axes.row)], &scale);
     if values.iter().any(Option::is_none) {
-        plot.note("Empty: not determined, or outside the light that was swept.");
+        plot.note("Empty: not determined, or outside the range of light.");
     }
     plot
 }
@@ -163,7 +163,7 @@ fn draw(settings: &Settings, figure: &Figure, over: usize) -> Option<Plot> {
     let values = settings.numbers(over)?;
     let x = spoken(&settings.names[over]);
     let short_x = x.split(", ").next().unwrap_or(&x);
-    let mut plot = Plot::new(&format!("{} over {short_x}", figure.name), &x, &figure.words());
+    let mut plot = Plot::new(&format!("{} against {short_x}", figure.name), &x, &figure.words());
     if is_wide(values.into_iter()) {
         plot.log_x();
     }
@@ -182,7 +182,7 @@ fn draw(settings: &Settings, figure: &Figure, over: usize) -> Option<Plot> {
         plot.series(&label, Mark::LinePoints, Colour::Series(i), line.points.clone());
     }
     if all > MAX_LINES {
-        plot.note(&format!("The {MAX_LINES} of {all} other settings with the best values."));
+        plot.note(&format!("The best {MAX_LINES} of {all} settings."));
     }
     (!lines.is_empty()).then_some(plot)
 }
@@ -228,7 +228,7 @@ fn frontier(
             ""
         }
     };
-    plot.series("none is better in both", Mark::Dashed, Colour::Reference, front);
+    plot.series("Pareto frontier", Mark::Dashed, Colour::Reference, front);
     if let Some((figure, need)) = need.filter(|n| n.0.key == y.key) {
         plot.limit_y(*need, &format!("needed: {} {}", number(*need), figure.unit));
     }

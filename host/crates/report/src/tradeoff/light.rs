@@ -1,4 +1,4 @@
-//! Settings over light.
+//! SNR of settings against light.
 
 use super::MAX_LINES;
 use super::compare::Axes;
@@ -30,7 +30,8 @@ pub(super) fn light(page: &mut Page, settings: &Settings, compared: &Settings) {
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
     });
     let draw = |size: Size| {
-        let mut plot = Plot::new("SNR over scene illuminance", "scene illuminance, lx", "SNR, dB");
+        let mut plot =
+            Plot::new("SNR against scene illuminance", "scene illuminance, lx", "SNR, dB");
         plot.size(size).log_x();
         for (i, line) in lines.iter().take(MAX_LINES).enumerate() {
             let label = settings.words(line.of, &[light]);
@@ -54,15 +55,15 @@ pub(super) fn light(page: &mut Page, settings: &Settings, compared: &Settings) {
             at.map_or_else(String::new, |p| number(p[1])),
         ]);
     }
-    page.heading("Settings over light").evidence(
+    page.heading("SNR against light").evidence(
         |page| {
             page.headline(draw);
         },
         |page| {
             page.rows(&table);
             page.small(match lines.len() > MAX_ROWS {
-                true => "Those that need least light; the others are among all settings below.",
-                false => "SNR of single pixels, temporal and fixed noise; mean of the channels.",
+                true => "The settings that need least light; all settings are listed below.",
+                false => "SNR of single pixels, with temporal and fixed-pattern noise; mean of the channels.",
             });
         },
     );
@@ -90,7 +91,7 @@ fn multiples(page: &mut Page, settings: &Settings, compared: &Settings, light: u
     // Below an SNR of 1 is nothing to see.
     let [low, high] = [(low / 10.0).floor().max(0.0) * 10.0, (high / 10.0).ceil() * 10.0];
     let every = axes.rows.len().div_ceil(MAX_LINES - 2);
-    page.heading("Each on equal axes").small_multiples(|page| {
+    page.heading("Each setting, with the same axes").small_multiples(|page| {
         for value in &axes.columns {
             let named =
                 |index: usize, v: f64| spoken_value(&settings.names[index], &Swept::Number(v));

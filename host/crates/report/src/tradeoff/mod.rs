@@ -103,11 +103,11 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
     optimum(&mut page, &compared, &ranked, chosen.as_ref());
     comparison(&mut page, &compared, &differ, &ranked, chosen.as_ref());
     light(&mut page, &settings, &compared);
-    page.heading("The sweep");
+    page.heading("Sweep");
     page.folded("Sweep file", |page| {
         page.verbatim(sweep);
     });
-    let words = format!("All {} settings (of each picture: figures.csv)", compared.all.len());
+    let words = format!("All {} settings (each picture: figures.csv)", compared.all.len());
     match compared.all.len() > MAX_PRINTED {
         true => page.folded_on_screen(&words, |page| all(page, &compared)),
         false => page.folded(&words, |page| all(page, &compared)),
@@ -129,7 +129,7 @@ fn optimum(page: &mut Page, settings: &Settings, ranked: &[&Figure], chosen: Opt
                 cards.push(card.below(&values.join(" · ")).picked());
             }
             None => {
-                page.note(&format!("No setting has the {}.", chosen.words()));
+                page.note(&format!("No setting meets the need: {}.", chosen.words()));
             }
         }
     }
@@ -212,8 +212,8 @@ mod tests {
         let html = page("sweep", &records(), "[grid]", None).html();
         for words in [
             "12 pictures of 6 settings: f-number, scene illuminance",
-            "SNR over scene illuminance",
-            "Light for SNR 10 over f-number",
+            "SNR against scene illuminance",
+            "Light for SNR 10 against f-number",
             "MTF50 over f-number",
             "Least light for SNR 10",
             "MTF50 against light for SNR 10",
@@ -237,6 +237,6 @@ mod tests {
         let words = "Optimum: least light for SNR 10 with MTF50 ≥ 0.250\u{a0}cycles/pixel";
         assert!(html.contains(words) && html.contains(">f/4</b>"), "{html}");
         let html = page("sweep", &records(), "", Some(&choice(0.35))).html();
-        assert!(html.contains("No setting has the least light"), "{html}");
+        assert!(html.contains("No setting meets the need: least light"), "{html}");
     }
 }
