@@ -5,7 +5,7 @@
 //! all where several differ.
 
 use crate::agf;
-use crate::dispersion::{C_LINE, D_LINE, F_LINE};
+use crate::lines::{C_LINE, D_LINE, F_LINE};
 use crate::table::{built_in, note_on};
 use crate::text::number;
 use crate::{Glass, key};

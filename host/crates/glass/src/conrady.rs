@@ -6,7 +6,7 @@
 //! catalogue glasses the median difference is 1e-4 at 420 nm, 7e-6 at 500 nm, 6e-5 at 800 nm and
 //! 3e-4 at 1000 nm; nine in ten lie within five times that.
 
-use crate::dispersion::{C_LINE, D_LINE, F_LINE, G_LINE};
+use crate::lines::{C_LINE, D_LINE, F_LINE, G_LINE};
 
 /// The normal line: P_gF = 0.6438 − 0.001682·V_d.
 const NORMAL_LINE: [f64; 2] = [0.6438, -0.001682];

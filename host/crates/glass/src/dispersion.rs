@@ -57,12 +57,6 @@ pub enum Dispersion {
     },
 }
 
-/// Helium d, hydrogen F and C, mercury g lines, µm.
-pub(super) const D_LINE: f64 = 0.587_561_8;
-pub(super) const F_LINE: f64 = 0.486_132_7;
-pub(super) const C_LINE: f64 = 0.656_272_5;
-pub(super) const G_LINE: f64 = 0.435_834_3;
-
 /// Powers of λ in Schott's formula.
 const SCHOTT: [f64; 6] = [0.0, 2.0, -2.0, -4.0, -6.0, -8.0];
 

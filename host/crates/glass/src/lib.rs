@@ -23,6 +23,7 @@ mod catalogue;
 mod conrady;
 mod dispersion;
 pub mod files;
+mod lines;
 mod table;
 pub mod text;
 
@@ -30,7 +31,7 @@ pub use catalogue::{Catalogue, Found, Replaced};
 pub use dispersion::Dispersion;
 
 use camrig_base::{Error, Result};
-use dispersion::{C_LINE, D_LINE, F_LINE};
+use lines::{C_LINE, D_LINE, F_LINE};
 
 /// A refractive medium.
 #[derive(Clone, Debug, PartialEq)]

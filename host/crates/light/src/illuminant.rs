@@ -179,7 +179,7 @@ fn from_file(text: &str) -> Result<Spectrum> {
         let count = table.curves.len();
         return Err(Error::input(format!("{count} curves in an illuminant"))
             .at(path.display())
-            .help("give two columns: wavelength_nm,power"));
+            .help("give two columns, wavelength_nm,power, or a line \"# column: NAME\" that says which"));
     }
     let power = &table.curves[0].1;
     if let Some(i) = power.iter().position(|&p| p < 0.0) {

@@ -7,7 +7,7 @@
 //! or three times for the first scene: memory is that of the components.
 
 use super::channel_planes::over_white;
-use super::mixture::{Curves, Mixed, Mixer};
+use super::mixture::{Mixed, Mixer, OfBands};
 use camrig_base::{Plane, Result};
 use rayon::prelude::*;
 use std::sync::PoisonError;
@@ -17,14 +17,6 @@ const PLACES: usize = 32;
 /// Light of a white of radiance in every band, as a part of its mean: a channel that sees nothing
 /// of the first scene may see something of the next.
 const LEAST: f64 = 1e-3;
-
-/// Curves, and the spectrum that counts as white.
-pub struct OfBands {
-    curves: Curves,
-    white: Vec<f64>,
-    /// Whether the scene for which they were chosen is not black.
-    is_lit: bool,
-}
 
 /// Reads one band.
 type Read<'a> = &'a dyn Fn(usize) -> Result<Plane<f32>>;

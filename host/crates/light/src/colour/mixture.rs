@@ -12,7 +12,6 @@
 
 use super::basis::Basis;
 use super::channel_planes::ChannelPlanes;
-use super::cubes::OfBands;
 use super::lattice::NODES;
 use super::smoothest::{COUNT, Curve, Domain};
 use super::spectra::{Spectra, TOGETHER};
@@ -37,6 +36,15 @@ pub struct Mixer {
     kept: Mutex<Option<Kept>>,
     /// For scenes given band by band: chosen for the first of them.
     pub(super) of_bands: Mutex<Option<OfBands>>,
+}
+
+/// What scenes given band by band are mixed of.
+pub(super) struct OfBands {
+    pub curves: Curves,
+    /// The spectrum that counts as white.
+    pub white: Vec<f64>,
+    /// Whether the scene for which they were chosen is not black.
+    pub is_lit: bool,
 }
 
 /// A picture as a mixture: for channel c its value in a band is the sum over components k of

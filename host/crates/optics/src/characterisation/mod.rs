@@ -20,6 +20,7 @@
 //!   goes on along its end slope, illumination and angle keep their end values, PSFs are those of
 //!   the end; [`extent`] tells where a sensor or its light goes beyond.
 
+mod directory;
 mod disk;
 mod example;
 pub mod extent;

@@ -27,15 +27,14 @@
 //! ```
 
 use super::Between;
-use super::disk::{clear, head, open_npy, read_table, write_directory, write_head, write_npy};
+use super::directory::{
+    PLANE_FORMAT, clear, head, open_npy, read_table, write_directory, write_head, write_npy,
+};
 use super::plane::PlaneCharacterisation;
 use camrig_base::Spectrum;
 use camrig_base::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
-
-/// The format of `lens.toml`.
-pub(super) const FORMAT: &str = "camrig-lens/2";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -61,7 +60,7 @@ impl PlaneCharacterisation {
     /// A missing or malformed file, shapes that disagree with `lens.toml`, values that break the
     /// conventions.
     pub fn read(dir: &Path) -> Result<Self> {
-        let head: PlaneToml = head(dir, FORMAT)?;
+        let head: PlaneToml = head(dir, PLANE_FORMAT)?;
         let shape = [head.y_mm.len(), head.x_mm.len(), head.wavelengths_nm.len()];
         let table =
             |name: &str| read_table(&dir.join(name), &shape, "[rows, columns, wavelengths]");
@@ -101,7 +100,7 @@ impl PlaneCharacterisation {
 
     fn write_files(&self, dir: &Path) -> Result<()> {
         let head = PlaneToml {
-            format: FORMAT.into(),
+            format: PLANE_FORMAT.into(),
             name: self.name.clone(),
             source: self.source.clone(),
             principal_distance_mm: self.principal_distance_mm,

@@ -1,8 +1,8 @@
 //! The tables of a lens, whichever symmetry it has.
 
-use super::disk::format_of;
+use super::directory::{PLANE_FORMAT, format_of};
 use super::plane::PlaneCharacterisation;
-use super::{Characterisation, plane_disk};
+use super::Characterisation;
 use crate::engine::Lens;
 use camrig_base::{Result, Spectrum};
 use std::path::Path;
@@ -22,7 +22,7 @@ impl LensTables {
     /// # Errors
     /// Those of [`Characterisation::read`] and [`PlaneCharacterisation::read`].
     pub fn read(dir: &Path) -> Result<Self> {
-        Ok(match format_of(dir)? == plane_disk::FORMAT {
+        Ok(match format_of(dir)? == PLANE_FORMAT {
             true => Self::Plane(PlaneCharacterisation::read(dir)?),
             false => Self::Heights(Characterisation::read(dir)?),
         })
