@@ -26,7 +26,9 @@ const LAYOUTS: &[(&str, usize, f64, &str)] = &[
 ];
 
 /// Parts of the names of lists of wavelengths.
-const WAVELENGTH_NAMES: [&str; 6] = ["wave", "wl", "wvl", "lambda", "band", "nm"];
+const WAVELENGTH_NAMES: [&str; 7] = ["wave", "wl", "wvl", "lambda", "band", "nm", "list_cw"];
+/// Parts of names that cannot mean anything else.
+const SURE_NAMES: [&str; 3] = ["wave", "lambda", "list_cw"];
 /// Whole names of such lists: as parts they may be those of places in the picture.
 const CENTRES: [&str; 4] = ["center", "centers", "centre", "centres"];
 /// Parts of the names of lists that lie beside them: of the widths of bands, of wavenumbers.
@@ -65,6 +67,13 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let lengths = three_axes(shape).ok_or_else(|| not_a_cube(name, shape))?;
     let wavelengths =
         wavelengths(&arrays.list, &lengths, sidecar, |name| arrays.list_of(name, sidecar))?;
+    let stated = arrays.stated_wavelengths(name)?;
+    let of_attribute = |attribute: &hdf5::Attribute| {
+        let list = attribute.numbers.as_ref().filter(|list| lengths.contains(&list.len()))?;
+        let nm = in_nm(&attribute.name.to_lowercase(), list)?;
+        Some((format!("attribute {}", attribute.name), nm))
+    };
+    let wavelengths = wavelengths.or_else(|| stated.iter().find_map(of_attribute));
     let axes = match (&sidecar.axes, &wavelengths) {
         (Some(axes), _) => axes.clone(),
         (None, Some((_, nm))) => axes_of(name, &lengths, nm.len())?.to_string(),
@@ -77,7 +86,14 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let kind = ["MATLAB 5", "MATLAB 7.3", "HDF5"][arrays.kind as usize];
     let understood = vec![format!("{kind}, array {name:?} of {lengths:?}, axes {axes}")];
-    let mut own = Own { understood, ..Own::default() };
+    let names = stated.iter().map(|attribute| &attribute.name);
+    let mut others = names.chain(arrays.list.iter().map(|(name, _)| name));
+    let is_sure = |name: &&String| {
+        let word = word_of_wavelengths(name).unwrap_or_default();
+        SURE_NAMES.iter().any(|part| word.contains(part))
+    };
+    let other_wavelengths = others.find(is_sure).cloned();
+    let mut own = Own { understood, other_wavelengths, ..Own::default() };
     let scale = arrays.quantity(name, sidecar, &mut own)?;
     let source = arrays.cube(name, shape, &axes, scale)?;
     let bands = source.bands();
@@ -267,8 +283,9 @@ pub(super) fn in_nm(name: &str, list: &[f64]) -> Option<Vec<f64>> {
 }
 
 /// The text of an attribute that names a unit.
-fn unit((name, text): hdf5::Attribute) -> Option<String> {
-    text.filter(|_| ["unit", "units"].contains(&&*name.to_lowercase()))
+fn unit(attribute: &hdf5::Attribute) -> Option<String> {
+    let is_unit = ["unit", "units"].contains(&&*attribute.name.to_lowercase());
+    attribute.text.clone().filter(|_| is_unit)
 }
 
 impl<'a> Arrays<'a> {
@@ -297,7 +314,7 @@ impl<'a> Arrays<'a> {
     /// A list that may be of wavelengths: in nm, where its attributes name a unit.
     fn list_of(&self, name: &str, sidecar: &Sidecar) -> Result<Option<Vec<f64>>> {
         let list = self.numbers_of(name)?;
-        let unit = self.attributes(name)?.into_iter().find_map(unit);
+        let unit = self.attributes(name)?.iter().find_map(unit);
         let Some(unit) = unit.filter(|unit| !["", "1"].contains(&unit.trim())) else {
             return Ok(list);
         };
@@ -316,24 +333,37 @@ impl<'a> Arrays<'a> {
 
     /// The attributes of an array of HDF5.
     fn attributes(&self, name: &str) -> Result<Vec<hdf5::Attribute>> {
-        if self.kind == Kind::Hdf5 { hdf5::attributes(self.path, name) } else { Ok(Vec::new()) }
+        match self.kind {
+            Kind::Hdf5 => hdf5::attributes(self.path, Some(name)),
+            Kind::Matlab5 | Kind::Matlab73 => Ok(Vec::new()),
+        }
+    }
+
+    /// The attributes of an array and of its file that are wavelengths by their names.
+    fn stated_wavelengths(&self, name: &str) -> Result<Vec<hdf5::Attribute>> {
+        if self.kind != Kind::Hdf5 {
+            return Ok(Vec::new());
+        }
+        let mut all = self.attributes(name)?;
+        all.extend(hdf5::attributes(self.path, None)?);
+        all.retain(|attribute| word_of_wavelengths(&attribute.name).is_some());
+        Ok(all)
     }
 
     /// Finds what the samples are, by the array's name and unit, and what they are multiplied by.
     fn quantity(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
         let mut attributes = self.attributes(name)?;
-        let unit =
-            attributes.iter().cloned().find_map(unit).filter(|unit| !unit.trim().is_empty());
+        let unit = attributes.iter().find_map(unit).filter(|unit| !unit.trim().is_empty());
         own.quantity = units::quantity_of(name, unit.is_some(), sidecar)?;
         let scale = match &unit {
             Some(unit) => {
-                attributes.retain(|of| self::unit(of.clone()).is_none());
+                attributes.retain(|of| self::unit(of).is_none());
                 units::scale("units", unit, sidecar, own).map_err(|e| e.at(format!("{name:?}")))?
             }
             None => sidecar.scale.unwrap_or(1.0),
         };
         if !attributes.is_empty() {
-            let names: Vec<String> = attributes.into_iter().map(|(name, _)| name).collect();
+            let names: Vec<String> = attributes.into_iter().map(|of| of.name).collect();
             let names = names.join(", ");
             own.notes.push(format!("attributes of {name:?} that were not used: {names}"));
         }
@@ -463,6 +493,24 @@ mod tests {
             let error = open_file(path.to_str().unwrap()).err().unwrap().to_string();
             assert!(error.contains(said), "{error}");
         }
+    }
+
+    #[test]
+    fn attributes_state_wavelengths_or_are_asked_about() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cube.h5");
+        let open = |values: Vec<f64>| {
+            let mut file = hdf5_pure::FileBuilder::new();
+            file.create_dataset("cube").with_f64_data(&[0.5; 31]).with_shape(&[1, 1, 31]);
+            file.set_attr("wavelength", hdf5_pure::AttrValue::F64Array(values));
+            file.write(&path).unwrap();
+            open_file(path.to_str().unwrap())
+        };
+        let cube = open((0..31).map(|band| 420.0 + 10.0 * f64::from(band)).collect()).unwrap();
+        let said = cube.understood().join("\n");
+        assert!(said.contains("31 bands, 420 to 720") && said.contains("attribute"), "{said}");
+        let error = open(vec![420.0, 720.0]).err().unwrap().to_string();
+        assert!(error.contains("\"wavelength\"") && error.contains("start_nm"), "{error}");
     }
 
     #[test]

@@ -66,7 +66,8 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         })
     });
     let (nm, quantity) = (header.wavelengths(&mut notes)?, quantity.transpose()?);
-    let mut own = Own { nm, quantity, understood, notes, ..Own::default() };
+    let other_wavelengths = header.other_wavelengths();
+    let mut own = Own { nm, quantity, other_wavelengths, understood, notes, ..Own::default() };
     let unit = match sidecar.quantity.or(quantity) {
         Some(Quantity::Radiance) => unit_of_radiance(&header, sidecar, &mut own)?,
         _ => sidecar.scale.unwrap_or(1.0),

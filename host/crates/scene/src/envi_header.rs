@@ -1,6 +1,7 @@
 //! Headers of ENVI cubes: keys and values in text.
 
 use super::selection::Stated;
+use super::units;
 use camrig_base::unit::Unit;
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
@@ -18,6 +19,7 @@ const KNOWN: &[&str] = &[
     "major frame offsets",
     "minor frame offsets",
     "wavelength",
+    "wavelengths",
     "wavelength units",
     "reflectance scale factor",
     "data gain values",
@@ -156,7 +158,9 @@ impl Header {
 
     /// The wavelengths, nm. Where the header does not say their unit, `notes` get what is assumed.
     pub fn wavelengths(&self, notes: &mut Vec<String>) -> Result<Option<Vec<f64>>> {
-        let Some(list) = self.list("wavelength")? else { return Ok(None) };
+        let key = ["wavelength", "wavelengths"].into_iter().find(|key| self.text(key).is_some());
+        let Some(key) = key else { return self.of_band_names(notes) };
+        let Some(list) = self.list(key)? else { return Ok(None) };
         let said = self.text("wavelength units").unwrap_or("").trim().to_lowercase();
         let unit = match said.as_str() {
             "" | "unknown" => {
@@ -175,6 +179,23 @@ impl Header {
         let parsed = Unit::parse(unit).map_err(|_| wrong())?;
         let nm: Option<Vec<f64>> = list.into_iter().map(|value| parsed.to_nm(value)).collect();
         nm.map(Some).ok_or_else(wrong)
+    }
+
+    /// The wavelengths that the names of the bands state, nm.
+    fn of_band_names(&self, notes: &mut Vec<String>) -> Result<Option<Vec<f64>>> {
+        let Some(names) = self.text("band names") else { return Ok(None) };
+        let names = names.trim_matches(['{', '}', ' ']).trim_end_matches([',', ' ']);
+        let nm = units::wavelengths_in(names.split(','))?;
+        if nm.is_some() {
+            notes.push("the wavelengths are those that the band names state".into());
+        }
+        Ok(nm)
+    }
+
+    /// A key that is not read and may state wavelengths.
+    pub fn other_wavelengths(&self) -> Option<String> {
+        let other = |key: &&String| key.contains("wave") && !KNOWN.contains(&key.as_str());
+        self.0.keys().find(other).cloned()
     }
 
     /// What is said of the bands. Samples come multiplied by `scale`, which is for what gain and
@@ -200,6 +221,20 @@ impl Header {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn band_names_state_wavelengths() {
+        let header = |lines: &str| Header::parse(&format!("ENVI\n{lines}\n")).unwrap();
+        let mut notes = Vec::new();
+        let named = header("band names = {\n420 nm,\n430 nm}").wavelengths(&mut notes).unwrap();
+        assert_eq!(named, Some(vec![420.0, 430.0]));
+        assert!(notes[0].contains("band names"), "{notes:?}");
+        let plural = header("wavelengths = {0.42, 0.43}").wavelengths(&mut notes).unwrap();
+        assert_eq!(plural, Some(vec![420.0, 430.0]));
+        let other = header("center wavelengths = {1, 2}");
+        assert_eq!(other.wavelengths(&mut notes).unwrap(), None);
+        assert_eq!(other.other_wavelengths().as_deref(), Some("center wavelengths"));
+    }
 
     #[test]
     fn wavelengths_of_all_units() {

@@ -275,18 +275,45 @@ pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
     Ok(arrays)
 }
 
-/// The name of an attribute, and its value if that is text.
-pub type Attribute = (String, Option<String>);
+/// An attribute; its value if that is text, or a list of numbers.
+#[derive(Clone)]
+pub struct Attribute {
+    pub name: String,
+    pub text: Option<String>,
+    pub numbers: Option<Vec<f64>>,
+}
 
-/// An array's attributes, in order of names; some files keep a factor, an offset, a unit or the
-/// value of missing samples there.
-pub fn attributes(path: &Path, name: &str) -> Result<Vec<Attribute>> {
+/// An array's attributes, in order of names, or those of the file; some files keep a factor, an
+/// offset, a unit, the value of missing samples or wavelengths there.
+pub fn attributes(path: &Path, name: Option<&str>) -> Result<Vec<Attribute>> {
     let file = opened(path)?;
-    let all = file.dataset(name).and_then(|dataset| dataset.attrs()).map_err(refused)?;
-    let mut found: Vec<Attribute> =
-        all.into_iter().map(|(name, value)| (name, text(value))).collect();
-    found.sort();
+    let all = match name {
+        Some(name) => file.dataset(name).and_then(|dataset| dataset.attrs()),
+        None => file.root().attrs(),
+    };
+    let attribute = |(name, value): (String, AttrValue)| Attribute {
+        name,
+        numbers: list_of(&value),
+        text: text(value),
+    };
+    let mut found: Vec<Attribute> = all.map_err(refused)?.into_iter().map(attribute).collect();
+    found.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(found)
+}
+
+/// The numbers of an attribute that is a list of some.
+fn list_of(value: &AttrValue) -> Option<Vec<f64>> {
+    use AttrValue as Of;
+    Some(match value {
+        Of::F64Array(all) => all.clone(),
+        Of::F32Array(all) => all.iter().map(|v| f64::from(*v)).collect(),
+        Of::I32Array(all) => all.iter().map(|v| f64::from(*v)).collect(),
+        Of::U32Array(all) => all.iter().map(|v| f64::from(*v)).collect(),
+        Of::I16Array(all) => all.iter().map(|v| f64::from(*v)).collect(),
+        Of::U16Array(all) => all.iter().map(|v| f64::from(*v)).collect(),
+        Of::I64Array(all) => all.iter().map(|v| *v as f64).collect(),
+        _ => return None,
+    })
 }
 
 /// The text of an attribute; none of numbers.

@@ -104,11 +104,19 @@ impl Sidecar {
     /// # Errors
     /// Wavelengths that are not known; those of [`Cube::stated`].
     pub fn cube(&self, source: Box<dyn BandSource>, own: Own) -> Result<Cube> {
-        let Own { nm, usual, quantity, stated, mut understood, mut notes } = own;
+        let Own { nm, usual, quantity, stated, other_wavelengths, mut understood, mut notes } =
+            own;
         let bands = source.bands();
         let (width, height) = source.size();
         let given = self.given(bands).is_some();
         let (nm, assumed) = self.wavelengths(bands, nm, usual)?;
+        if let (Some(_), Some(name)) = (&assumed, other_wavelengths) {
+            return Err(Error::input(format!(
+                "the wavelengths of the {bands} bands are not known: {name:?}, which may state \
+                 them, is not understood"
+            ))
+            .help("give wavelength_nm, or start_nm and step_nm"));
+        }
         notes.extend(assumed);
         notes.extend(
             self.file
@@ -184,6 +192,8 @@ pub(super) struct Own {
     /// Where files of this kind usually begin, nm, in steps of 10 nm, and whose they are; for
     /// files that do not say.
     pub usual: Option<(f64, String)>,
+    /// What may state wavelengths and is not understood: none are assumed beside it.
+    pub other_wavelengths: Option<String>,
     /// What the samples are.
     pub quantity: Option<Quantity>,
     /// What is said of single bands.

@@ -73,6 +73,44 @@ pub fn scale(said_by: &str, unit: &str, sidecar: &Sidecar, own: &mut Own) -> Res
     }
 }
 
+/// Wavelengths that a name may state, nm: others are widths of bands.
+const NAMED_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
+
+/// The wavelength in a name such as `450 nm` or `Band 3 (0.45 µm)`, nm; `None` where it states none
+/// or several, as an interval does.
+pub fn wavelength_in(name: &str) -> Option<f64> {
+    let is_number = |c: char| c.is_ascii_digit() || c == '.';
+    let starts = name
+        .char_indices()
+        .filter(|(i, c)| c.is_ascii_digit() && !name[..*i].ends_with(is_number));
+    let stated = starts.filter_map(|(start, _)| {
+        let text = &name[start..];
+        let (number, rest) = text.split_at(text.find(|c| !is_number(c)).unwrap_or(text.len()));
+        let unit: String = rest.trim_start().chars().take_while(|c| c.is_alphabetic()).collect();
+        let nm = Unit::parse(&unit).ok()?.to_nm(number.parse().ok()?)?;
+        let is_end = name[..start].trim_end().ends_with(['-', '–', '…']);
+        NAMED_NM.contains(&nm).then_some((nm, is_end))
+    });
+    match stated.collect::<Vec<_>>()[..] {
+        [(nm, false)] => Some(nm),
+        _ => None,
+    }
+}
+
+/// The wavelengths that the names of all bands state, nm; an error where only some do.
+pub fn wavelengths_in<'a>(names: impl Iterator<Item = &'a str>) -> Result<Option<Vec<f64>>> {
+    let stated: Vec<Option<f64>> = names.map(wavelength_in).collect();
+    let count = stated.iter().flatten().count();
+    if count > 0 && count < stated.len() {
+        return Err(Error::input(format!(
+            "{count} of {} names of bands state a wavelength",
+            stated.len()
+        ))
+        .help("give wavelength_nm, or start_nm and step_nm"));
+    }
+    Ok(stated.into_iter().collect::<Option<Vec<f64>>>().filter(|nm| !nm.is_empty()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,6 +131,25 @@ mod tests {
         assert_eq!(quantity_of("irradiance", false, &said).unwrap(), Some(Quantity::Radiance));
         let error = quantity_of("Radiance", false, &unsaid).unwrap_err().to_string();
         assert!(error.contains("unit=W/m2/sr/um"), "{error}");
+    }
+
+    #[test]
+    fn names_of_bands_state_wavelengths() {
+        for (name, nm) in [
+            ("450 nm", Some(450.0)),
+            ("Band 3 (0.45 µm)", Some(450.0)),
+            ("b12: 450.5nm, FWHM 10 nm", Some(450.5)),
+            ("450-460 nm", None),
+            ("450 nm - 460 nm", None),
+            ("Band 3", None),
+            ("450", None),
+        ] {
+            assert_eq!(wavelength_in(name), nm, "{name}");
+        }
+        let of = |names: &[&str]| wavelengths_in(names.iter().copied());
+        assert_eq!(of(&["450 nm", "460 nm"]).unwrap(), Some(vec![450.0, 460.0]));
+        assert_eq!(of(&["Band 1", "Band 2"]).unwrap(), None);
+        assert!(of(&["450 nm", "Band 2"]).is_err());
     }
 
     #[test]

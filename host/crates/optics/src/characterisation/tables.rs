@@ -1,8 +1,8 @@
 //! The tables of a lens, whichever symmetry it has.
 
+use super::Characterisation;
 use super::directory::{PLANE_FORMAT, format_of};
 use super::plane::PlaneCharacterisation;
-use super::Characterisation;
 use crate::engine::Lens;
 use camrig_base::{Result, Spectrum};
 use std::path::Path;
