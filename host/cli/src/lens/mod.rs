@@ -396,7 +396,7 @@ fn import_files(args: &ImportArgs) -> Result<()> {
 
 fn plot(args: &PlotArgs) -> Result<()> {
     let dir = OutputDir::create(&args.output, args.force)?;
-    let mut drawings: Vec<(String, String)> = Vec::new();
+    let mut drawings = Vec::new();
     let (lens, page) = if args.lens.file.is_dir() {
         args.lens.check_tables()?;
         let lens = Characterisation::read(&args.lens.file)?;
@@ -425,10 +425,9 @@ fn plot(args: &PlotArgs) -> Result<()> {
         let page = report::page(&lens, Some(traced), args.pixel).map_err(place)?;
         (lens, page)
     };
-    let of_lens = report::drawings(&lens, args.pixel);
-    drawings.extend(of_lens.into_iter().map(|(name, svg)| (name.to_owned(), svg)));
+    drawings.extend(report::drawings(&lens, args.pixel));
     dir.write("lens.html", page.html().as_bytes())?;
-    for (name, svg) in &drawings {
+    for report::Drawing { name, svg } in &drawings {
         dir.write(format!("{name}.svg"), svg.as_bytes())?;
     }
     dir.finish()?;

@@ -1,7 +1,7 @@
 //! Self-contained HTML pages and SVG plots of measurements and simulations.
 //!
-//! A [`page::Page`] is written top to bottom from headings, tables, pictures and drawings; it
-//! loads nothing from elsewhere, is readable on a phone, in print, on a dark background and without
+//! The principal type is [`page::Page`]. It is written top to bottom from headings, tables, pictures
+//! and drawings; it loads nothing from elsewhere, is readable on a phone, in print, on a dark background and without
 //! script, and has the same bytes for the same content. A [`plot::Plot`] draws series over linear
 //! or logarithmic axes, maps and cells; its colours are roles, which the page colours. The module
 //! [`numbers`] writes values as their errors allow. The other modules write the pages of camrig's

@@ -19,12 +19,15 @@ const POINTS: u32 = 100;
 /// The marks of the two directions.
 const DIRECTIONS: &str = "Solid: tangential. Dashed: sagittal.";
 
-/// Drawings of the tables of a lens, each with a file name. A pixel pitch, µm, adds the pixel for
+/// A plot with the name of its file.
+pub(super) struct Named {
+    pub name: &'static str,
+    pub plot: Plot,
+}
+
+/// Drawings of the tables of a lens. A pixel pitch, µm, adds the pixel for
 /// comparison.
-pub(super) fn of_tables(
-    lens: &Characterisation,
-    pixel_um: Option<f64>,
-) -> Vec<(&'static str, Plot)> {
+pub(super) fn of_tables(lens: &Characterisation, pixel_um: Option<f64>) -> Vec<Named> {
     let nm = super::few(&lens.wavelengths_nm, WAVELENGTHS);
     let curves = |title: &str, y: &str, value: &dyn Fn(f64, f64) -> f64| {
         let mut plot = Plot::new(title, "paraxial image height, mm", y);
@@ -38,9 +41,10 @@ pub(super) fn of_tables(
         true => 100.0 * (lens.distortion(w).at(h) / h - 1.0),
         false => f64::NAN,
     };
-    let mut all =
-        vec![("distortion", curves("Distortion", "real / paraxial height − 1, %", &distortion))];
-    all.extend(lateral_colour(lens, pixel_um).map(|plot| ("lateral-colour", plot)));
+    let plot = curves("Distortion", "real / paraxial height − 1, %", &distortion);
+    let mut all = vec![Named { name: "distortion", plot }];
+    let lateral_colour = lateral_colour(lens, pixel_um);
+    all.extend(lateral_colour.map(|plot| Named { name: "lateral-colour", plot }));
     let mut illumination = curves("Relative illumination", "ratio to the axis, 1", &|h, w| {
         lens.illumination(w).at(h)
     });
@@ -50,20 +54,21 @@ pub(super) fn of_tables(
         let points = lens.heights_mm.iter().map(|&h| [h, cos4(h)]).collect();
         illumination.series("cos⁴ of the field", Mark::Dashed, Colour::Reference, points);
     }
-    all.push(("illumination", illumination));
+    all.push(Named { name: "illumination", plot: illumination });
     if lens.chief_ray_angle_deg.is_some() {
         let angle = |h: f64, w: f64| lens.chief_ray_angle(w).map_or(f64::NAN, |c| c.at(h));
-        all.push(("chief-ray-angle", curves("Chief-ray angle", "angle with the axis, °", &angle)));
+        let plot = curves("Chief-ray angle", "angle with the axis, °", &angle);
+        all.push(Named { name: "chief-ray-angle", plot });
     }
     all
 }
 
-/// Drawings of the sharpness of a lens, each with a name for its file.
-pub(super) fn of_psfs(
-    lens: &Characterisation,
-    pixel_um: Option<f64>,
-) -> Vec<(&'static str, Plot)> {
-    vec![("mtf-field", over_field(lens)), ("mtf", over_frequency(lens, pixel_um))]
+/// Drawings of the sharpness of a lens.
+pub(super) fn of_psfs(lens: &Characterisation, pixel_um: Option<f64>) -> Vec<Named> {
+    vec![
+        Named { name: "mtf-field", plot: over_field(lens) },
+        Named { name: "mtf", plot: over_frequency(lens, pixel_um) },
+    ]
 }
 
 pub(super) fn wave(nm: f64) -> String {

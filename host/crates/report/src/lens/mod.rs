@@ -13,9 +13,22 @@ use camrig_lens::prescription::{Medium, Object};
 use camrig_lens::section::{Foci, foci};
 use camrig_lens::{System, characterise};
 use camrig_optics::Characterisation;
+use curves::Named;
 
-/// A drawing: a name for its file, and SVG text.
-pub type Drawing = (&'static str, String);
+/// A drawing for a file of its own.
+#[derive(Clone, Debug)]
+pub struct Drawing {
+    /// Name of the file, without extension.
+    pub name: String,
+    /// SVG text.
+    pub svg: String,
+}
+
+/// Foci over the field at a wavelength.
+struct FociAt {
+    nm: f64,
+    foci: Vec<Foci>,
+}
 
 /// Fields in section and of MTF over focus, as parts of the largest: axis, half the area, corner.
 const FIELDS: [f64; 3] = [0.0, 0.7, 1.0];
@@ -46,8 +59,9 @@ pub struct Traced<'a> {
 pub fn drawings(lens: &Characterisation, pixel_um: Option<f64>) -> Vec<Drawing> {
     let mut all = curves::of_tables(lens, pixel_um);
     all.extend(curves::of_psfs(lens, pixel_um));
-    all.push(("psf", curves::psfs(lens)));
-    all.into_iter().map(|(name, plot)| (name, plot.file())).collect()
+    all.push(Named { name: "psf", plot: curves::psfs(lens) });
+    let drawing = |named: Named| Drawing { name: named.name.into(), svg: named.plot.file() };
+    all.into_iter().map(drawing).collect()
 }
 
 /// The page of a characterised lens; of a traced one with its section, prescription, field
@@ -76,15 +90,15 @@ pub fn page(
         focused = through_focus(lens, traced, &foci);
         tables.push(foci_plot(&foci));
     }
-    tables.extend(curves::of_tables(lens, pixel_um).into_iter().map(|(_, plot)| plot));
+    tables.extend(curves::of_tables(lens, pixel_um).into_iter().map(|named| named.plot));
     page.heading("Aberrations and illumination").grid(|page| {
         tables.iter().for_each(|plot| {
             page.plot(plot);
         });
     });
     page.heading("Sharpness").grid(|page| {
-        for (_, plot) in curves::of_psfs(lens, pixel_um) {
-            page.plot(&plot);
+        for named in curves::of_psfs(lens, pixel_um) {
+            page.plot(&named.plot);
         }
         focused.iter().for_each(|plot| {
             page.plot(plot);
@@ -181,7 +195,7 @@ fn prescription(page: &mut Page, traced: Traced<'_>) -> Result<()> {
 }
 
 /// Foci over the field at a few wavelengths.
-fn curvature(traced: Traced<'_>) -> Result<Vec<(f64, Vec<Foci>)>> {
+fn curvature(traced: Traced<'_>) -> Result<Vec<FociAt>> {
     let mut nm = traced.system.prescription.wavelengths_nm.clone();
     nm.sort_by(f64::total_cmp);
     nm.dedup();
@@ -189,14 +203,14 @@ fn curvature(traced: Traced<'_>) -> Result<Vec<(f64, Vec<Foci>)>> {
     let fields: Vec<f64> = (0..=FOCI).map(at).collect();
     few(&nm, WAVELENGTHS)
         .into_iter()
-        .map(|nm| Ok((nm, foci(traced.system, &fields, nm)?)))
+        .map(|nm| Ok(FociAt { nm, foci: foci(traced.system, &fields, nm)? }))
         .collect()
 }
 
-fn foci_plot(all: &[(f64, Vec<Foci>)]) -> Plot {
+fn foci_plot(all: &[FociAt]) -> Plot {
     let mut plot =
         Plot::new("Field curvature", "image height, mm", "focus behind the sensor plane, µm");
-    for (nm, foci) in all {
+    for FociAt { nm, foci } in all {
         let colour = Colour::of_wavelength(*nm);
         let of = |z: fn(&Foci) -> f64| foci.iter().map(|f| [f.height_mm, 1e3 * z(f)]).collect();
         plot.series(&curves::wave(*nm), Mark::Line, colour, of(|f| f.tangential_mm));
@@ -209,14 +223,10 @@ fn foci_plot(all: &[(f64, Vec<Foci>)]) -> Plot {
 
 /// MTF over shifts of the sensor that reach over the field's foci; none where a shift leaves no
 /// light in the window of the PSFs.
-fn through_focus(
-    lens: &Characterisation,
-    traced: Traced<'_>,
-    foci: &[(f64, Vec<Foci>)],
-) -> Option<Plot> {
+fn through_focus(lens: &Characterisation, traced: Traced<'_>, foci: &[FociAt]) -> Option<Plot> {
     let nm = lens.psf.wavelengths_nm[lens.psf.wavelengths_nm.len() / 2];
     let depth_mm = 2e-6 * nm * lens.f_number * lens.f_number;
-    let all = foci.iter().flat_map(|(_, f)| f).flat_map(|f| [f.sagittal_mm, f.tangential_mm]);
+    let all = foci.iter().flat_map(|at| &at.foci).flat_map(|f| [f.sagittal_mm, f.tangential_mm]);
     let farthest = all.filter(|z| z.is_finite()).fold(0.0_f64, |m, z| m.max(z.abs()));
     let reach = (BEYOND * farthest).clamp(DEPTHS[0] * depth_mm, DEPTHS[1] * depth_mm);
     let shifted = |i: i32| {
@@ -243,11 +253,7 @@ fn through_focus(
 ///
 /// # Errors
 /// Rays that are lost.
-pub fn spots(
-    system: &System,
-    fields: &[f64],
-    wavelengths: &[f64],
-) -> Result<Vec<(String, String)>> {
+pub fn spots(system: &System, fields: &[f64], wavelengths: &[f64]) -> Result<Vec<Drawing>> {
     let reference = system.prescription.reference_nm;
     let mut all = Vec::with_capacity(fields.len());
     for (i, &deg) in fields.iter().enumerate() {
@@ -265,7 +271,7 @@ pub fn spots(
             plot.series(&format!("{nm} nm"), Mark::Points, colour, points);
         }
         plot.equal_units().x_range(-1.1 * reach, 1.1 * reach).y_range(-1.1 * reach, 1.1 * reach);
-        all.push((format!("spot-{}", i + 1), plot.file()));
+        all.push(Drawing { name: format!("spot-{}", i + 1), svg: plot.file() });
     }
     Ok(all)
 }

@@ -20,20 +20,38 @@ const WHITE: f64 = 0.002;
 #[derive(Default)]
 pub struct Frames {
     pub(super) first: Option<First>,
-    /// Pictures of further frames, with their captions.
-    pub(super) others: Vec<(Vec<u8>, String)>,
-    /// Names and levels of the first frames.
-    pub(super) levels: Vec<(String, Levels)>,
+    /// Pictures of further frames.
+    pub(super) others: Vec<Captioned>,
+    /// Levels of the first frames.
+    pub(super) levels: Vec<FrameLevels>,
     pub(super) count: usize,
+}
+
+/// A picture (PNG) with its caption.
+pub(super) struct Captioned {
+    pub png: Vec<u8>,
+    pub caption: String,
+}
+
+/// A brightened picture (PNG), and its factor on linear light.
+pub(super) struct Brightened {
+    pub png: Vec<u8>,
+    pub factor: f64,
+}
+
+/// Levels of a named frame.
+pub(super) struct FrameLevels {
+    pub name: String,
+    pub levels: Levels,
 }
 
 /// The first frame as a page shows it.
 pub(super) struct First {
     pub as_captured: Vec<u8>,
-    /// Brightened, and its factor on linear light, where that is not 1.
-    pub bright: Option<(Vec<u8>, f64)>,
-    /// Raw samples in the colours of their filters, and which they are.
-    pub samples: (Vec<u8>, String),
+    /// Brightened, if the factor is not 1.
+    pub bright: Option<Brightened>,
+    /// Raw samples in the colours of their filters.
+    pub samples: Captioned,
     /// Columns and rows.
     pub sides: [usize; 2],
 }
@@ -45,21 +63,21 @@ impl Frames {
     /// A picture that cannot be encoded.
     pub fn add(&mut self, name: &str, frame: &RawFrame, info: &DngInfo) -> Result<()> {
         if self.first.is_none() {
-            let (picture, times) = preview::bright_thumbnail(frame, info, PICTURE);
-            let bright = png::encode_rgb(&picture)?;
+            let (picture, factor) = preview::bright_thumbnail(frame, info, PICTURE);
+            let bright = Brightened { png: png::encode_rgb(&picture)?, factor };
             self.first = Some(First {
                 as_captured: png::encode_rgb(&preview::thumbnail(frame, info, PICTURE))?,
-                bright: (times > 1.0).then_some((bright, times)),
+                bright: (factor > 1.0).then_some(bright),
                 samples: samples(frame)?,
                 sides: [frame.width, frame.height],
             });
         } else if self.others.len() < OTHERS {
             let (picture, times) = preview::bright_thumbnail(frame, info, SMALL);
             let caption = format!("{name}, brightened {}.", factor(times));
-            self.others.push((png::encode_rgb(&picture)?, caption));
+            self.others.push(Captioned { png: png::encode_rgb(&picture)?, caption });
         }
         if self.levels.len() < FIGURES {
-            self.levels.push((name.to_owned(), Levels::of(frame)));
+            self.levels.push(FrameLevels { name: name.to_owned(), levels: Levels::of(frame) });
         }
         self.count += 1;
         Ok(())
@@ -174,9 +192,8 @@ fn quantile(counts: impl Iterator<Item = u64> + Clone, share: f64) -> f64 {
     found.map_or(0.0, |(dn, _)| dn as f64)
 }
 
-/// Samples around the middle of a frame in the colours of their filters, brightened; and which
-/// they are.
-fn samples(frame: &RawFrame) -> Result<(Vec<u8>, String)> {
+/// Samples around the middle of a frame in the colours of their filters, brightened.
+fn samples(frame: &RawFrame) -> Result<Captioned> {
     let [width, height] = [SAMPLES[0].min(frame.width), SAMPLES[1].min(frame.height)];
     let middle = |side: usize, shown: usize, cell: usize| (side - shown) / 2 / cell * cell;
     let left = middle(frame.width, width, frame.cfa.width);
@@ -194,13 +211,13 @@ fn samples(frame: &RawFrame) -> Result<(Vec<u8>, String)> {
             None => [shade; 3],
         }
     });
-    let words = format!(
+    let caption = format!(
         "Columns {left} to {}, rows {top} to {}; pattern {}; square root of the signal.",
         left + width - 1,
         top + height - 1,
         frame.cfa
     );
-    Ok((png::encode_rgb(&picture)?, words))
+    Ok(Captioned { png: png::encode_rgb(&picture)?, caption })
 }
 
 #[cfg(test)]

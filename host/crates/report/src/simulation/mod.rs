@@ -11,7 +11,7 @@ use super::plot::{Colour, Plot, Size};
 use camrig_camera::Camera;
 use camrig_light::Illuminant;
 use camrig_sensor_core::config::FrameSettings;
-use frames::{First, Levels};
+use frames::{Captioned, First, FrameLevels, Levels};
 use model::Noise;
 
 /// Part of the samples that headroom leaves out: single bright pixels do not decide it.
@@ -36,7 +36,7 @@ pub fn page(
     page.kind("Simulation");
     page.subtitle(&format!("{}{light_words} · {exposure}", camera.name));
     let noise = Noise::of(camera, settings.analog_gain.into());
-    let first_levels = frames.levels.first().map(|(_, levels)| levels);
+    let first_levels = frames.levels.first().map(|first| &first.levels);
     if let (Some(first), Some(levels)) = (&frames.first, first_levels) {
         pictures(&mut page, first);
         // Of binned frames the system gain and noise of single pixels say nothing.
@@ -69,13 +69,13 @@ fn exposure_words(seconds: f64) -> String {
 
 fn pictures(page: &mut Page, first: &First) {
     page.pictures(|page| {
-        if let Some((picture, times)) = &first.bright {
+        if let Some(bright) = &first.bright {
             let caption = format!(
                 "Preview, brightened {}: the brightest 1 % of the pixels are white. Simple \
                  demosaicing, white balance, sRGB.",
-                factor(*times)
+                factor(bright.factor)
             );
-            page.thumbnail(picture, "Brightened preview of the frame.", &caption);
+            page.thumbnail(&bright.png, "Brightened preview of the frame.", &caption);
         }
         page.thumbnail(
             &first.as_captured,
@@ -148,8 +148,8 @@ fn samples(page: &mut Page, first: &First, levels: &Levels) {
         },
         |page| {
             page.subheading("Raw samples in the colours of their filters");
-            let (picture, words) = &first.samples;
-            page.samples(picture, "Raw samples in the middle of the frame.", words);
+            let Captioned { png, caption } = &first.samples;
+            page.samples(png, "Raw samples in the middle of the frame.", caption);
         },
     );
 }
@@ -176,7 +176,7 @@ fn table(page: &mut Page, frames: &Frames, noise: Option<&Noise>) {
     }
     heads.extend(["1 %, DN", "median, DN", "99 %, DN", "saturated, %", "at or below black, %"]);
     let mut table = Table::new(&["channel"]).numbers(&heads);
-    for (name, levels) in &frames.levels {
+    for FrameLevels { name, levels } in &frames.levels {
         table.section(name);
         for (c, channel) in levels.channels.iter().enumerate() {
             let mean = levels.mean(c) - levels.black;
@@ -205,8 +205,8 @@ fn others(page: &mut Page, frames: &Frames) {
         return;
     }
     page.heading("Further frames").pictures(|page| {
-        for (picture, caption) in &frames.others {
-            page.picture(picture, caption);
+        for Captioned { png, caption } in &frames.others {
+            page.picture(png, caption);
         }
     });
 }

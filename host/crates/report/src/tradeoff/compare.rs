@@ -116,7 +116,7 @@ fn heat_map(
 ) -> Plot {
     let of_cells = axes.cells(settings);
     let values: Vec<Option<f64>> =
-        of_cells.iter().map(|s| Some(s.as_ref()?.mean(figure)?.0)).collect();
+        of_cells.iter().map(|s| Some(s.as_ref()?.mean(figure)?.value)).collect();
     let names = |index: usize, values: &[f64]| {
         let name = &settings.names[index];
         let text = |&v: &f64| match &name[..] {
@@ -199,7 +199,7 @@ fn frontier(
     let need = chosen.and_then(|c| c.needs.first());
     let others = ranked.iter().copied().find(|f| f.key != x.key);
     let y = need.map(|n| n.0).filter(|f| f.key != x.key).or(others)?;
-    let place = |s: &Setting| Some([s.mean(x)?.0, s.mean(y)?.0]);
+    let place = |s: &Setting| Some([s.mean(x)?.value, s.mean(y)?.value]);
     let points: Vec<[f64; 2]> = settings.all.iter().filter_map(place).collect();
     let beats = |a: &[f64; 2], b: &[f64; 2]| {
         let ahead = [x.sign() * (a[0] - b[0]), y.sign() * (a[1] - b[1])];
@@ -254,8 +254,8 @@ fn by_column(plot: &mut Plot, settings: &Settings, axes: &Axes<'_>, [x, y]: [&Fi
     for (i, column) in axes.columns.iter().enumerate() {
         let of_column = cells.iter().skip(i).step_by(axes.columns.len()).flatten();
         let point = |s: &&Setting| {
-            let (value, error) = s.mean(y)?;
-            Some([s.mean(x)?.0, value, error.unwrap_or(0.0)])
+            let y = s.mean(y)?;
+            Some([s.mean(x)?.value, y.value, y.std_error.unwrap_or(0.0)])
         };
         let points: Vec<[f64; 3]> = of_column.filter_map(point).collect();
         let name = spoken_value(&settings.names[axes.column], &Swept::Number(*column));

@@ -55,7 +55,7 @@ impl<'a> Chosen<'a> {
 
     fn meets(&self, setting: &Setting) -> bool {
         let met =
-            |(f, need): &(&Figure, f64)| setting.mean(f).is_some_and(|m| f.meets(m.0, *need));
+            |(f, need): &(&Figure, f64)| setting.mean(f).is_some_and(|m| f.meets(m.value, *need));
         self.needs.iter().all(met)
     }
 

@@ -87,34 +87,38 @@ impl Swept {
     }
 }
 
-/// A value and, where it is known, its standard error.
-pub(super) type Measured = (f64, Option<f64>);
+/// A value with its standard error, if that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Measured {
+    pub value: f64,
+    pub std_error: Option<f64>,
+}
 
 /// Pictures of one setting.
 #[derive(Clone, Debug)]
 pub(super) struct Setting {
     pub values: Vec<Swept>,
-    /// Of each figure, the values of its pictures, each a mean over the channels.
+    /// Values of each figure, one per picture, each a mean over the channels.
     figures: BTreeMap<&'static str, Vec<Measured>>,
 }
 
 impl Setting {
-    /// Mean of a figure with its standard error: of two pictures or more from their scatter,
-    /// otherwise the picture's own where it has one.
+    /// Mean of a figure. The standard error comes from the scatter of two pictures or more; a single
+    /// picture has its own, if any.
     pub fn mean(&self, figure: &Figure) -> Option<Measured> {
         let values = self.figures.get(figure.key).filter(|values| !values.is_empty())?;
         if let [one] = values[..] {
             return Some(one);
         }
         let n = values.len() as f64;
-        let mean = values.iter().map(|v| v.0).sum::<f64>() / n;
-        let square: f64 = values.iter().map(|v| (v.0 - mean).powi(2)).sum();
-        Some((mean, Some((square / (n - 1.0) / n).sqrt())))
+        let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
+        let square: f64 = values.iter().map(|v| (v.value - mean).powi(2)).sum();
+        Some(Measured { value: mean, std_error: Some((square / (n - 1.0) / n).sqrt()) })
     }
 
     /// A figure in words.
     pub fn words(&self, figure: &Figure) -> Option<String> {
-        self.mean(figure).map(|(mean, error)| amount(mean, error, figure.unit))
+        self.mean(figure).map(|mean| amount(mean.value, mean.std_error, figure.unit))
     }
 }
 
@@ -155,7 +159,7 @@ fn parameters(record: &Value) -> BTreeMap<String, Swept> {
 /// A figure of a picture, mean over its channels.
 fn figure_of(record: &Value, figure: &Figure) -> Option<Measured> {
     if let Some(value) = record["figures"][figure.key]["mean"].as_f64() {
-        return Some((value, None));
+        return Some(Measured { value, std_error: None });
     }
     let pitch_um = record["parameters"]["camera_keys"]["sensor.pitch_um"].as_f64();
     let (key, factor) = match figure.key {
@@ -167,9 +171,9 @@ fn figure_of(record: &Value, figure: &Figure) -> Option<Measured> {
     let values = of(key);
     let errors = if key.starts_with("mtf50") { of("mtf50_std_error") } else { Vec::new() };
     let n = values.len() as f64;
-    let error = (errors.len() == values.len())
+    let std_error = (errors.len() == values.len())
         .then(|| factor * errors.iter().map(|e| e * e).sum::<f64>().sqrt() / n);
-    (n > 0.0).then(|| (factor * values.iter().sum::<f64>() / n, error))
+    (n > 0.0).then(|| Measured { value: factor * values.iter().sum::<f64>() / n, std_error })
 }
 
 impl Settings {
@@ -241,7 +245,7 @@ impl Settings {
             let values = without(&line.of.values);
             let found = all.iter_mut().find(|s| s.values == values);
             if let (Some(setting), Ok(lux)) = (found, crossing(&line.points)) {
-                setting.figures.insert(LIGHT, vec![(lux, None)]);
+                setting.figures.insert(LIGHT, vec![Measured { value: lux, std_error: None }]);
             }
         }
         Self { names, all }
@@ -250,8 +254,8 @@ impl Settings {
     /// Whether a figure differs between settings; `None` where none has it.
     pub fn differs(&self, figure: &Figure) -> Option<bool> {
         let mut means = self.all.iter().filter_map(|s| s.mean(figure));
-        let (first, _) = means.next()?;
-        Some(means.any(|(mean, _)| mean != first))
+        let first = means.next()?.value;
+        Some(means.any(|mean| mean.value != first))
     }
 
     /// Of some settings that where a figure is best.
@@ -260,7 +264,7 @@ impl Settings {
         figure: &Figure,
     ) -> Option<&'a Setting> {
         figure.less_is_better?;
-        let with = of.filter_map(|s| Some((s, figure.sign() * s.mean(figure)?.0)));
+        let with = of.filter_map(|s| Some((s, figure.sign() * s.mean(figure)?.value)));
         with.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(setting, _)| setting)
     }
 
@@ -290,7 +294,7 @@ impl Settings {
     pub fn lines(&self, figure: &Figure, over: usize) -> Vec<Line<'_>> {
         let mut lines: Vec<Line<'_>> = Vec::new();
         for setting in &self.all {
-            let (Some((mean, _)), Some(x)) = (setting.mean(figure), setting.values[over].number())
+            let (Some(mean), Some(x)) = (setting.mean(figure), setting.values[over].number())
             else {
                 continue;
             };
@@ -299,8 +303,8 @@ impl Settings {
                 pairs.filter(|(i, _)| *i != over).all(|(_, (a, b))| a == b)
             };
             match lines.iter_mut().find(|line| same(line)) {
-                Some(line) => line.points.push([x, mean]),
-                None => lines.push(Line { of: setting, points: vec![[x, mean]] }),
+                Some(line) => line.points.push([x, mean.value]),
+                None => lines.push(Line { of: setting, points: vec![[x, mean.value]] }),
             }
         }
         lines.iter_mut().for_each(|l| l.points.sort_by(|a, b| a[0].total_cmp(&b[0])));
@@ -389,10 +393,13 @@ mod tests {
         };
         let settings = Settings::new(&[record(10.0, 1.0), record(12.0, 1.0), record(30.0, 2.0)]);
         let snr = Figure::of(SNR).unwrap();
-        let (mean, error) = settings.all[0].mean(snr).unwrap();
-        assert!((mean - 11.0).abs() < 1e-12 && (error.unwrap() - 1.0).abs() < 1e-12);
-        assert_eq!(settings.all[1].mean(snr).unwrap().1, None);
-        let light = settings.without_light().all[0].mean(Figure::of(LIGHT).unwrap()).unwrap().0;
+        let mean = settings.all[0].mean(snr).unwrap();
+        assert!(
+            (mean.value - 11.0).abs() < 1e-12 && (mean.std_error.unwrap() - 1.0).abs() < 1e-12
+        );
+        assert_eq!(settings.all[1].mean(snr).unwrap().std_error, None);
+        let light = Figure::of(LIGHT).unwrap();
+        let light = settings.without_light().all[0].mean(light).unwrap().value;
         assert!((light - libm::exp2(9.0 / 19.0)).abs() < 1e-12, "{light}");
     }
 
@@ -404,7 +411,9 @@ mod tests {
             "channels": { "r": edge(0.2, 0.03), "g": edge(0.4, 0.04) },
         });
         let settings = Settings::new(&[record]);
-        let (mean, error) = settings.all[0].mean(Figure::of(PER_MM).unwrap()).unwrap();
-        assert!((mean - 150.0).abs() < 1e-9 && (error.unwrap() - 12.5).abs() < 1e-9);
+        let mean = settings.all[0].mean(Figure::of(PER_MM).unwrap()).unwrap();
+        assert!(
+            (mean.value - 150.0).abs() < 1e-9 && (mean.std_error.unwrap() - 12.5).abs() < 1e-9
+        );
     }
 }
