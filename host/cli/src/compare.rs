@@ -1,4 +1,4 @@
-//! `camrig compare`: how far a model is from captures, statistic by statistic.
+//! `camrig compare`: the deviations of captures from a model, by statistic.
 
 use super::arguments::ChangeArgs;
 use super::diagnose::open;
@@ -8,7 +8,7 @@ use camrig_measure::mtf::Roi;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// How far a camera file is from captures, statistic by statistic
+/// Compare captures with a camera file, statistic by statistic
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status 1 where they disagree. Examples:\n  \
     camrig capture --camera mt9v024 --plan ptc --size 256,256 --frames 8 -o captures\n  \
@@ -27,7 +27,7 @@ pub struct Args {
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
-    /// Statistics printed, the furthest first; 0 for all
+    /// Number of statistics printed, the largest deviations first; 0 for all
     #[arg(long, default_value_t = 20, value_name = "N")]
     most: usize,
 }
@@ -43,7 +43,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     } else {
         let most = if args.most == 0 { found.statistics.len() } else { args.most };
         println!(
-            "gap {:.3} on held-out frames (1: a replicate of the right model; passes below {:.2})",
+            "gap {:.3} on held-out frames (1 for the true model; limit {:.2})",
             found.gap, found.gap_limit
         );
         let [fit, held_out, measured, model] = ["z fit", "held-out", "measured", "model"];

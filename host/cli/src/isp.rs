@@ -5,7 +5,7 @@ use super::simulate::ViewArgs;
 use camrig_base::output;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::{Facts, Format, Frames, preview};
-use camrig_measure::picture::{Patch, colours, srgb_to_linear};
+use camrig_measure::picture::{Card, Patch, colours, srgb_to_linear};
 use camrig_render::{self as render, SimulatedSensor};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -136,7 +136,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let path = folder.path().join("in.dng");
     std::fs::write(&path, &dng).map_err(|e| Error::io("write", &path, e))?;
 
-    let judge = |picture: &Picture| colours(picture, raw.width, CARD);
+    let judge =
+        |picture: &Picture| colours(picture, Card { frame_width: raw.width, card_width: CARD });
     let shown = preview::render(&raw, &info);
     let linear = |p: [u8; 3]| p.map(|v| srgb_to_linear(f64::from(v) / 255.0));
     let shown = Plane {

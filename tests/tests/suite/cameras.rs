@@ -110,7 +110,8 @@ fn data_sheets_say_what_is_known_of_the_sensors() {
             (Some(found), Some(error)) => near("read noise", found, error, read_e),
             _ => assert!(gain * read_e < 0.5, "{name}: {} DN are not measured", gain * read_e),
         }
-        let (_, values) = sheet.efficiency.iter().find(|(nm, _)| *nm == 550.0).unwrap();
+        let green = sheet.efficiency.iter().find(|e| e.wavelength_nm == 550.0).unwrap();
+        let values = &green.channels;
         near("efficiency", values[c].value, values[c].std_error, at_550(&c));
     }
 }

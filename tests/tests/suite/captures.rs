@@ -98,7 +98,7 @@ fn a_real_camera_s_frames_need_what_they_do_not_say_and_no_more() {
     }
     let said = told(&camrig_ok(dir.path(), "captures new set --bits 12 --black 10 --gain 1"));
     let unknown = said.lines().find(|line| line.starts_with("not in the files:")).unwrap();
-    assert!(unknown.starts_with("not in the files: exposure_s of 11 captures. Put"), "{unknown}");
+    assert!(unknown.starts_with("not in the files: exposure_s of 11 captures. Replace"), "{unknown}");
     let checked = camrig(dir.path(), "captures check set");
     assert_eq!(checked.status.code(), Some(2));
     let said = told(&checked);
@@ -131,7 +131,7 @@ fn what_is_no_set_is_refused_and_nothing_is_written() {
     std::fs::write(dir.join("empty/readme.jpg"), "no frame").unwrap();
     for (arguments, says) in [
         ("captures new empty", "no frames"),
-        ("captures new nowhere", "no folder"),
+        ("captures new nowhere", "not a folder"),
         ("captures new empty --cfa XY9", "colour filter pattern"),
     ] {
         let output = camrig(dir, arguments);

@@ -1,4 +1,4 @@
-//! `camrig captures`: what is in a capture set.
+//! `camrig captures`: makes and checks capture sets.
 
 mod new;
 
@@ -10,7 +10,7 @@ use camrig_clean::{Cleaned, Finding, Options};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Make capture sets of your own frames, and look at them
+/// Make capture sets from your own frames, and check them
 #[derive(clap::Args, Debug)]
 pub struct Args {
     #[command(subcommand)]
@@ -23,13 +23,12 @@ enum Command {
     Check(CheckArgs),
 }
 
-/// List every fault of a manifest, what is still to fill in, where files say otherwise than the
-/// manifest, and everything in its frames that is not the sensor's steady behaviour: copies, codes
-/// with a step, processing, particle hits, pixels that change, wrong labels of light, drift,
-/// start-up
+/// List all faults of a manifest, missing values, contradictions between files and manifest, and
+/// everything in the frames that is not the steady behaviour of the sensor: copies, codes with a
+/// step, processing, particle hits, pixels that change, wrong labels of light, drift, start-up
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Exit status 0 where nothing was found, 1 where something was, 2 where the set \
+    after_help = "Exit status 0 if nothing was found, 1 if something was, 2 if the set \
     cannot be read. `camrig diagnose` and `camrig compare` clean sets in the same way. \
     Examples:\n  \
     camrig captures check captures"
@@ -50,7 +49,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
 }
 
-/// Loads a capture set, and tells where its files say otherwise than its manifest.
+/// Loads a capture set and notes where its files contradict the manifest.
 pub(super) fn opened(path: &Path) -> Result<CaptureSet> {
     let set = CaptureSet::load(path)?;
     set.contradictions().iter().for_each(|words| eprintln!("note: {words}"));
@@ -59,7 +58,7 @@ pub(super) fn opened(path: &Path) -> Result<CaptureSet> {
 
 fn check(args: &CheckArgs) -> Result<ExitCode> {
     let set = CaptureSet::load(&args.captures)?;
-    // Frames of every size and number of bits, those of targets too.
+    // Reads all frames, including those of targets, which checks their size and bits.
     let mut frames = 0;
     let mut faults: Vec<Error> = Vec::new();
     for capture in &set.captures {
@@ -73,9 +72,9 @@ fn check(args: &CheckArgs) -> Result<ExitCode> {
     }
     let contradictions = set.contradictions();
     let bar = looking(&set)?;
-    let looked = Cleaned::inspect(set, &Options::default().with_progress(&|n| bar.inc(n as u64)))?;
+    let cleaned = Cleaned::inspect(set, &Options::default().with_progress(&|n| bar.inc(n as u64)))?;
     bar.finish_and_clear();
-    let found = looked.findings();
+    let found = cleaned.findings();
     if args.json {
         let json = serde_json::json!({ "nuisances": found, "contradictions": contradictions });
         println!("{}", serde_json::to_string_pretty(&json).unwrap_or_default());
@@ -83,7 +82,7 @@ fn check(args: &CheckArgs) -> Result<ExitCode> {
         for line in contradictions.iter().cloned().chain(found.iter().map(Finding::line)) {
             println!("{line}");
         }
-        let captures = looked.set().captures.len();
+        let captures = cleaned.set().captures.len();
         let what = match contradictions.len() + found.len() {
             0 => "nothing found".to_string(),
             n => counted(n, "finding"),

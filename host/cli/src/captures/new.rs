@@ -1,4 +1,4 @@
-//! `camrig captures new`: a manifest from the frames of a folder.
+//! `camrig captures new`: drafts a manifest from the frames of a folder.
 
 use crate::arguments::{duration, positive, progress};
 use camrig_base::output::OutputFile;
@@ -9,16 +9,15 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Write captures.toml from the frames in a folder and below: stacks, exposure, gain, temperature
-/// and levels from the files, role from names and levels; what is not known is marked "?"
+/// Write captures.toml for the frames in a folder and below: stacks, exposure, gain, temperature and
+/// levels from the files, role from names and levels; unknown values are marked "?"
 #[derive(clap::Args, Debug)]
 #[command(after_help = "\
     Frames are DNG, TIFF, FITS, NPY, PGM, grey PNG, CSI-2, MCAP, or headerless pixels named like\n\
-    NAME_640x480_SGRBG10P.raw; NAME.json beside them is libcamera's metadata. Names that help: \
-    words\n\
-    like dark, bias, flat, edge, chart, dots, and exposures like 10ms. Behind each value stands \
-    where\n\
-    it comes from. The options say what the files do not.\n\n\
+    NAME_640x480_SGRBG10P.raw; NAME.json is libcamera's metadata of NAME.raw. Words in names are \
+    used:\n\
+    dark, bias, flat, edge, chart, dots, and exposures like 10ms. The source of each value is in a\n\
+    comment. Options supply values that the files lack.\n\n\
     Examples:\n  \
     camrig captures new frames\n  \
     camrig captures new frames --gain 1 --bits 12 --cfa mono --force\n  \
@@ -27,28 +26,28 @@ use std::process::ExitCode;
 pub struct NewArgs {
     /// Folder of the frames, which becomes a capture set
     folder: PathBuf,
-    /// Integration time, where neither the files nor NAME.json say it: 20ms, 1.5s, 300us
+    /// Integration time, where neither the files nor NAME.json have it: 20ms, 1.5s, 300us
     #[arg(long, value_parser = duration, value_name = "TIME")]
     exposure: Option<f64>,
-    /// Analog gain, where the files do not say
+    /// Analog gain, where the files have none
     #[arg(long, value_parser = positive, value_name = "G")]
     gain: Option<f64>,
-    /// Temperature of the sensor, where the files do not say
+    /// Temperature of the sensor, where the files have none
     #[arg(long, value_name = "C", allow_negative_numbers = true)]
     temperature_c: Option<f64>,
-    /// Bits of a sample, where the files do not say
+    /// Bits of a sample, where the files have none
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     bits: Option<u32>,
-    /// Colour filter pattern, where the files do not say
+    /// Colour filter pattern, where the files have none
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
-    /// Black level, where the files do not say
+    /// Black level, where the files have none
     #[arg(long, value_name = "DN")]
     black: Option<f64>,
-    /// Saturated level, where the files do not say
+    /// Saturated level, where the files have none
     #[arg(long, value_name = "DN")]
     white: Option<u16>,
-    /// Pixel pitch, µm, where the files do not say
+    /// Pixel pitch, µm, where the files have none
     #[arg(long, value_name = "UM", value_parser = positive)]
     pitch_um: Option<f64>,
     /// Replace an existing captures.toml
@@ -59,10 +58,10 @@ pub struct NewArgs {
 /// Runs the command.
 pub fn run(args: &NewArgs) -> Result<ExitCode> {
     let path = args.folder.join("captures.toml");
-    // Opened before the work, so that a set that is there already is told at once.
+    // Opened first, so that an existing set is reported at once.
     if !args.folder.is_dir() {
-        return Err(Error::input(format!("{} is no folder", args.folder.display()))
-            .help("give the folder that the frames are in"));
+        return Err(Error::input(format!("{} is not a folder", args.folder.display()))
+            .help("give the folder of the frames"));
     }
     let mut output = OutputFile::create(&path, args.force)?;
     let bar = progress("files", 0);
@@ -72,15 +71,15 @@ pub fn run(args: &NewArgs) -> Result<ExitCode> {
     })?;
     bar.finish_and_clear();
     let head = [
-        "Written by `camrig captures new`. Behind each value stands where it comes from. \"?\" is",
-        "what nothing here tells: put the value in its place; `camrig captures check` lists what \
-         is",
-        "left. docs/reference.md has all keys, those of light and scenes too.",
+        "Written by `camrig captures new`, with the source of each value in a comment. Replace each",
+        "\"?\" by its value; `camrig captures check` lists those that remain. docs/reference.md has \
+         all",
+        "keys, including those of light and scenes.",
     ];
     let text = draft.text(&head);
     output.write_all(text.as_bytes()).map_err(|e| Error::io("write", &path, e))?;
     output.finish()?;
-    tell(&draft, &args.folder, &path);
+    summarise(&draft, &args.folder, &path);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -99,13 +98,13 @@ impl NewArgs {
     }
 }
 
-/// Says what was found and left out, what is to fill in, and what to type next.
-fn tell(draft: &Draft, folder: &Path, path: &Path) {
+/// Prints a summary: what was found and skipped, which values are missing, and the next command.
+fn summarise(draft: &Draft, folder: &Path, path: &Path) {
     for note in &draft.notes {
         eprintln!("note: {note}");
     }
-    for (name, why) in &draft.left_out {
-        eprintln!("note: left out {}: {why}", name.display());
+    for file in &draft.skipped {
+        eprintln!("note: skipped {}: {}", file.name.display(), file.reason);
     }
     let [stacks, frames] = draft.count();
     eprintln!("wrote {}: {stacks} stacks of {frames} frames", path.display());
@@ -119,7 +118,7 @@ fn tell(draft: &Draft, folder: &Path, path: &Path) {
         });
         let all: Vec<String> = each.collect();
         eprintln!(
-            "not in the files: {}. Put each in place of its \"?\", or say it of all (--exposure, \
+            "not in the files: {}. Replace each \"?\", or set a value for all stacks (--exposure, \
              --gain, --bits, --cfa, with --force)\nnext: {check}",
             all.join(", ")
         );

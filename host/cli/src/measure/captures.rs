@@ -35,7 +35,7 @@ pub struct WithPage {
 pub struct CompareArgs {
     /// Capture set: a directory with captures.toml
     first: PathBuf,
-    /// Another one with captures of the same ids
+    /// A capture set with captures of the same ids
     second: PathBuf,
     /// Print one JSON object on standard output
     #[arg(long)]
@@ -48,8 +48,8 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
     let has = |role| set.with_role(role).next().is_some();
     if has(Role::Dark) && !has(Role::Flat) && !page.is_wanted() {
         eprintln!(
-            "note: no flat captures, so no gain: figures of the darks in DN (role = \"flat\" at \
-             several exposures gives electrons)"
+            "note: no flat captures, so no gain: figures of the darks in DN (for electrons, add \
+             captures of role = \"flat\" at several exposures)"
         );
         return dark::of_set(&set, None, args.json);
     }
@@ -112,7 +112,7 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
         let mut object = match &result.channels[..] {
             [mono] => self::object(mono)?,
             several => {
-                // At the top the channel that gets most light, for which the levels were chosen.
+                // At the top, the channel with most light, for which the levels were chosen.
                 let signal = |c: &&emva::ChannelEmva| c.levels.iter().map(|l| l.signal_dn).sum();
                 let most = several
                     .iter()
@@ -163,7 +163,7 @@ pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
     let Comparison { rows, notes } = compare(&opened(&args.first)?, &opened(&args.second)?)?;
     let worst = rows.iter().map(|r| r.z.abs()).fold(0.0, f64::max);
     let gap = rows.iter().map(|r| r.z * r.z).sum::<f64>() / rows.len() as f64;
-    // The largest of n standard normals exceeds this in one case of a hundred (Bonferroni).
+    // A false-alarm rate of 1 in 100, corrected for multiple comparisons (Bonferroni).
     let limit = largest_normal(rows.len());
     let differ = worst > limit;
     if args.json {
@@ -176,7 +176,7 @@ pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         for r in rows.iter().filter(|r| r.z.abs() > limit) {
             println!(
-                "{} {} {}: {} against {}, z {:+.1}",
+                "{} {} {}: {} and {}, z {:+.1}",
                 r.id,
                 r.channel,
                 r.statistic,
@@ -191,8 +191,8 @@ pub fn compare_of(args: &CompareArgs) -> Result<ExitCode> {
     Ok(if differ { ExitCode::from(1) } else { ExitCode::SUCCESS })
 }
 
-/// Where the largest of n absolute standard normals lies with 99 % probability, at most: solves
-/// n erfc(z/√2) = 0.01 with the tail's leading term.
+/// The limit that the largest of n absolute standard normal variates exceeds with a probability of
+/// 1 %: solves n erfc(z/√2) = 0.01 with the tail's leading term.
 fn largest_normal(n: usize) -> f64 {
     let mut z = 3.0f64;
     for _ in 0..50 {

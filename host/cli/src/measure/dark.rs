@@ -21,7 +21,7 @@ pub struct DarkArgs {
     /// System gain, for the read noise in electrons
     #[arg(long, value_name = "K", value_parser = crate::arguments::positive)]
     dn_per_e: Option<f64>,
-    /// Colour filter pattern, where the files do not say (mono without either)
+    /// Colour filter pattern, where the files have none (mono without either)
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
     /// Print one JSON object on standard output
@@ -41,7 +41,7 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
     let spooled = stream.then(spooled).transpose()?;
     let found = match &spooled {
         Some(_) if args.frames.len() > 1 => {
-            return Err(Error::input("a stream beside files").help("give one or the other"));
+            return Err(Error::input("a stream together with files").help("use one or the other"));
         }
         Some(folder) => dark_stack::of_files(&[folder.path().join(SPOOLED)], cfa)
             .map_err(|e| e.at("standard input"))?,
@@ -55,8 +55,8 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The dark stacks of a capture set. At the top of the JSON object is the shortest of them, whose
-/// noise has least of the dark current's in it.
+/// Measures the dark stacks of a capture set. The top level of the JSON object is the shortest of
+/// them, with the least noise of the dark current.
 pub fn of_set(set: &CaptureSet, dn_per_e: Option<f64>, json: bool) -> Result<ExitCode> {
     let mut darks: Vec<_> = set.with_role(Role::Dark).collect();
     darks.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
@@ -88,11 +88,11 @@ pub fn of_set(set: &CaptureSet, dn_per_e: Option<f64>, json: bool) -> Result<Exi
     Ok(ExitCode::SUCCESS)
 }
 
-/// Name of what came on standard input.
+/// Name of the file for standard input.
 const SPOOLED: &str = "frames";
 
-/// Standard input in a folder of its own, as a stack is read more than once. The folder goes with
-/// what is returned, and with the program.
+/// Saves standard input in a temporary folder, as a stack is read more than once. The folder is deleted
+/// when the value is dropped or the program ends.
 fn spooled() -> Result<OutputDir> {
     let name = format!("camrig-frames-{}", std::process::id());
     let folder = OutputDir::create(&std::env::temp_dir().join(name), false)?;
@@ -130,7 +130,7 @@ fn print(found: &DarkStack, dn_per_e: Option<f64>) {
     );
 }
 
-/// The files that were named, and those in folders, in order of their names.
+/// The given files, and those in given folders, in order of their names.
 fn files(named: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut all = Vec::new();
     for path in named {

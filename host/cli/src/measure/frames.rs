@@ -12,7 +12,7 @@ use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// A raw frame and what its file may not say.
+/// A raw frame, with values that its file may lack.
 #[derive(ClapArgs)]
 struct FrameSource {
     /// A raw frame
@@ -21,26 +21,26 @@ struct FrameSource {
     given: Given,
 }
 
-/// What is said of frames whose files do not say it.
+/// Values for frames whose files lack them.
 #[derive(ClapArgs, Clone)]
 pub(super) struct Given {
-    /// Colour filter pattern, where the file does not say (mono without either)
+    /// Colour filter pattern, where the file has none (mono without either)
     #[arg(long, value_name = "PATTERN")]
     cfa: Option<String>,
-    /// Saturated level, where the file does not say
+    /// Saturated level, where the file has none
     #[arg(long, value_name = "DN")]
     white: Option<u16>,
-    /// Black level, where the file does not say
+    /// Black level, where the file has none
     #[arg(long, value_name = "DN", value_parser = finite, allow_negative_numbers = true)]
     black: Option<f64>,
 }
 
-/// A frame with what is known about it.
+/// A frame with its metadata.
 pub(super) struct Opened {
     pub plane: Plane<u16>,
     pub cfa: Cfa,
     pub white: Option<u16>,
-    /// Whether neither the file nor the user says a pattern.
+    /// Whether neither the file nor the user provides a pattern.
     pub assumed_mono: bool,
     black: Option<f64>,
 }
@@ -49,22 +49,22 @@ impl FrameSource {
     fn open(&self) -> Result<Opened> {
         let opened = self.given.first(&self.frame)?;
         let assumed = opened.assumed_mono.then_some(&*self.frame);
-        tell_assumed_mono(assumed.as_slice());
+        note_assumed_mono(assumed.as_slice());
         Ok(opened)
     }
 }
 
-/// Says which frames are taken as mono since nothing says otherwise.
-pub(super) fn tell_assumed_mono(files: &[&Path]) {
+/// Notes which frames are treated as monochrome for lack of a pattern.
+pub(super) fn note_assumed_mono(files: &[&Path]) {
     if let [first, more @ ..] = files {
         let name = first.display();
         let more = if more.is_empty() { "".into() } else { format!(" (and {} more)", more.len()) };
-        eprintln!("note: {name}{more} names no colour filter pattern: mono");
+        eprintln!("note: {name}{more} has no colour filter pattern: mono");
     }
 }
 
 impl Given {
-    /// The first frame of a file; others are told.
+    /// The first frame of a file, with a note if there are others.
     fn first(&self, path: &Path) -> Result<Opened> {
         let (first, others) = self.open(path)?;
         if !others.is_empty() {
@@ -101,14 +101,14 @@ impl Given {
 }
 
 impl Opened {
-    /// The black level, which figures above black cannot do without.
+    /// The black level, which figures above black need.
     fn black(&self) -> Result<f64> {
         self.black.ok_or_else(|| {
-            Error::input("the file does not say its black level").help("give --black DN")
+            Error::input("the file has no black level").help("provide --black DN")
         })
     }
 
-    /// The letters asked for: all channels, or one.
+    /// The letters requested: all channels, or one.
     pub fn letters(&self, asked: &str) -> Result<Vec<char>> {
         let known = self.cfa.channels();
         if asked == "all" {
@@ -140,7 +140,7 @@ pub fn roi(text: &str) -> Result<Roi, String> {
 pub struct PatchesArgs {
     #[command(flatten)]
     source: FrameSource,
-    /// Centres of patches 1, 6, 24 and 19 in pixels; the built-in chart's place unless given
+    /// Centres of patches 1, 6, 24 and 19 in pixels; by default, those of the built-in chart
     #[arg(long, value_name = "X1,Y1,...,X4,Y4", value_parser = corners)]
     corners: Option<Corners>,
     /// Print one JSON object on standard output
@@ -167,7 +167,7 @@ pub struct ProfileArgs {
     /// Profile along this column
     #[arg(long, value_name = "X")]
     column: Option<usize>,
-    /// Lines averaged, from the given one on
+    /// Number of lines averaged, from this one on
     #[arg(long, default_value_t = 1, value_name = "N")]
     lines: usize,
     /// Channel letter, or all
@@ -239,8 +239,8 @@ pub fn profile_of(args: &ProfileArgs) -> Result<ExitCode> {
             None => None,
         };
         for f in [Some(&frame), other.as_ref()].into_iter().flatten() {
-            let told = profile::clipped(&f.plane, &f.cfa, letter, f.white, RINGS);
-            told.iter().for_each(|note| eprintln!("note: {note}"));
+            let notes = profile::clipped(&f.plane, &f.cfa, letter, f.white, RINGS);
+            notes.iter().for_each(|note| eprintln!("note: {note}"));
         }
         let rings =
             profile::relative_illumination(&frame.plane, &frame.cfa, letter, black, RINGS)?;

@@ -15,7 +15,7 @@ use serde_json::Map;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// What a person types.
+/// Arguments of `camrig measure`.
 #[derive(ClapArgs)]
 pub struct Args {
     #[command(subcommand)]
@@ -27,7 +27,7 @@ enum What {
     /// Photon transfer: gain, read noise, full well, fixed patterns, dark current, non-linearity
     #[command(after_help = "Examples:\n  camrig measure ptc captures/ --json --report ptc.html")]
     Ptc(captures::WithPage),
-    /// EMVA 1288 release 4.0 linear, with warnings where its assumptions do not hold
+    /// EMVA 1288 release 4.0 linear, with warnings where its assumptions are violated
     #[command(after_help = "Examples:\n  camrig measure emva captures/ --report emva.html")]
     Emva(captures::WithPage),
     /// Read noise, offset, noise of rows and columns and hot pixels of a stack of dark frames
@@ -38,10 +38,10 @@ enum What {
     Dark(dark::DarkArgs),
     /// Slanted-edge response (ISO 12233:2023 e-SFR) on raw channels, without demosaic
     #[command(after_help = "\
-        Several frames are of the same edges: they are averaged, each about its own edge. \
+        Several frames of the same edges are averaged, each relative to its own edge. \
         Uncertainties\n\
-        are standard errors from blocks of rows, or from the spread between frames where that is \
-        more.\n\n\
+        are standard errors from blocks of rows, or from the spread between frames if that is \
+        larger.\n\n\
         Examples:\n  \
         camrig measure mtf edge.dng --roi 200,100,80,120 --pitch-um 2.2\n  \
         camrig measure mtf shots/*.dng --roi 200,100,80,120 --roi 500,100,80,120 \
@@ -52,14 +52,14 @@ enum What {
     #[command(after_help = "Examples:\n  camrig measure patches chart.dng --json\n\
         Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
     Patches(frames::PatchesArgs),
-    /// Row or column profile, against another frame, and relative illumination
+    /// Row or column profile, compared with another frame, and relative illumination
     #[command(after_help = "Examples:\n  \
             camrig measure profile a.dng --row 60 --against b.dng --channel g")]
     Profile(frames::ProfileArgs),
     /// Signal rates per position of the filter pattern under each light, from exposure series
     #[command(after_help = "Examples:\n  camrig measure rates captures/ --json")]
     Rates(captures::OnCaptures),
-    /// Two capture sets, capture by capture; exit status 1 where they differ by more than chance
+    /// Compare two capture sets; exit status 1 where they differ significantly
     #[command(after_help = "Examples:\n  camrig measure compare captures-a captures-b")]
     Compare(captures::CompareArgs),
 }
@@ -76,12 +76,12 @@ struct PageArgs {
 }
 
 impl PageArgs {
-    /// Whether a page was asked for.
+    /// Whether a page was requested.
     fn is_wanted(&self) -> bool {
         self.report.is_some()
     }
 
-    /// Writes the page if one was asked for.
+    /// Writes the page if requested.
     fn write(&self, page: impl FnOnce() -> String) -> Result<()> {
         match &self.report {
             Some(path) => write_file(path, self.force, page().as_bytes()),

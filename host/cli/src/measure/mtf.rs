@@ -1,6 +1,6 @@
 //! `camrig measure mtf`: the response over slanted edges of frames.
 
-use super::frames::{Given, Opened, roi, tell_assumed_mono};
+use super::frames::{Given, Opened, roi, note_assumed_mono};
 use super::{PageArgs, plus_minus};
 use crate::arguments::positive;
 use camrig_base::{Error, Plane, Result};
@@ -22,7 +22,7 @@ pub struct MtfArgs {
     frames: Vec<PathBuf>,
     #[command(flatten)]
     given: Given,
-    /// Region of an edge in pixels; repeatable; slanted edges are looked for unless given
+    /// Region of an edge in pixels; repeatable; by default, slanted edges are searched for
     #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
     roi: Vec<Roi>,
     #[command(flatten)]
@@ -43,7 +43,7 @@ pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
     let letters = first.letters(&args.channel)?;
     let edges = match args.roi.is_empty() {
         true => args.found(&first, &planes, &letters)?,
-        false => args.pointed_at(&first, &planes, &letters)?,
+        false => args.in_regions(&first, &planes, &letters)?,
     };
     let files = args.frames.len();
     let more = if files > 1 { format!(" and {} more", files - 1) } else { String::new() };
@@ -72,22 +72,22 @@ impl MtfArgs {
             let (one, others) = self.given.open(path)?;
             assumed_mono.extend(one.assumed_mono.then_some(&**path));
             if one.cfa != first.cfa {
-                tell_assumed_mono(&assumed_mono);
+                note_assumed_mono(&assumed_mono);
                 return Err(Error::disagreement(format!(
                     "patterns {} and {}",
                     first.cfa, one.cfa
                 ))
                 .at(path.display())
-                .help("give frames of one camera"));
+                .help("provide frames of one camera"));
             }
             planes.extend(all(one.plane, others, one.white));
         }
-        tell_assumed_mono(&assumed_mono);
+        note_assumed_mono(&assumed_mono);
         Ok((first, planes))
     }
 
-    /// The edges in the regions that were given.
-    fn pointed_at(&self, first: &Opened, planes: &[Frame], letters: &[char]) -> Result<Vec<Edge>> {
+    /// The edges in the given regions.
+    fn in_regions(&self, first: &Opened, planes: &[Frame], letters: &[char]) -> Result<Vec<Edge>> {
         let places = self.roi.iter().flat_map(|roi| letters.iter().map(move |l| (*roi, *l)));
         let edge = |(roi, letter)| {
             self.edge(first, planes, roi, letter).map_err(|e| {
@@ -103,7 +103,7 @@ impl MtfArgs {
         places.map(edge).collect()
     }
 
-    /// The edges that are found in the first frame and seen in all.
+    /// The edges that are found in the first frame and are in all frames.
     fn found(&self, first: &Opened, planes: &[Frame], letters: &[char]) -> Result<Vec<Edge>> {
         let green = if letters.contains(&'G') { 'G' } else { letters[0] };
         let regions = mtf::find_edges(&planes[0].0, &first.cfa, green, first.white);
@@ -114,7 +114,7 @@ impl MtfArgs {
                 match self.edge(first, planes, *roi, *letter) {
                     Ok(edge) => edges.push(edge),
                     Err(e) => eprintln!(
-                        "note: channel {letter} at {x},{y},{width},{height} is left out: {}",
+                        "note: channel {letter} at {x},{y},{width},{height} is excluded: {}",
                         e.what()
                     ),
                 }
@@ -123,7 +123,7 @@ impl MtfArgs {
         if edges.is_empty() {
             return Err(Error::input("no slanted edge found")
                 .at(self.frames[0].display())
-                .help("give its region with --roi X,Y,WIDTH,HEIGHT to hear what is wrong there"));
+                .help("with --roi X,Y,WIDTH,HEIGHT, the reason is reported"));
         }
         eprintln!("note: slanted edges found in {} places", regions.len());
         Ok(edges)
@@ -133,7 +133,7 @@ impl MtfArgs {
         mtf::measure_frames(planes, &first.cfa, letter, roi, self.pitch_um)
     }
 
-    /// One line about an edge; where there are several, with its place.
+    /// Prints a line about an edge, with its position where there are several.
     fn print(&self, e: &Edge) {
         let mtf50 = Value::new(e.mtf50_cycles_per_pixel, e.mtf50_std_error);
         let per_mm = self.pitch_um.map_or(String::new(), |p| {

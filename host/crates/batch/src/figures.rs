@@ -14,7 +14,7 @@
 use camrig_base::{Error, Plane, RawFrame, Result, toml_text};
 use camrig_formats::{DngInfo, preview};
 use camrig_measure::mtf::{self, Roi};
-use camrig_measure::picture::{colours, srgb_to_linear};
+use camrig_measure::picture::{Card, colours, srgb_to_linear};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
@@ -194,7 +194,7 @@ fn delta_e(frame: &RawFrame, info: &DngInfo, options: &str) -> Result<Value> {
         height: shown.height,
         data: shown.data.iter().map(linear).collect(),
     };
-    let patches = colours(&picture, frame.width, card)?;
+    let patches = colours(&picture, Card { frame_width: frame.width, card_width: card })?;
     let mean = patches.iter().map(|p| p.delta_e_2000).sum::<f64>() / patches.len() as f64;
     let max = patches.iter().map(|p| p.delta_e_2000).fold(0.0, f64::max);
     Ok(json!({ "mean": mean, "max": max }))

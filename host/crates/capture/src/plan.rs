@@ -8,7 +8,7 @@
 
 use camrig_base::alternatives::Numbers;
 use camrig_base::{Error, ErrorCode, Result, mistakes, toml_text};
-use camrig_captures::{Light, Role, SceneSeen};
+use camrig_captures::{CapturedScene, Light, Role};
 use camrig_scene::sequence::{self, folder};
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
@@ -45,7 +45,7 @@ pub struct Shot {
     /// Mean signal as a fraction of saturation, instead of an irradiance.
     pub fill: Option<f64>,
     /// What is looked at.
-    pub scene: Option<SceneSeen>,
+    pub scene: Option<CapturedScene>,
     /// Whether saturation is meant.
     pub saturates: bool,
 }
@@ -82,7 +82,7 @@ struct Stack {
     /// The light.
     light: Option<PlanLight>,
     /// What an edge, a chart, dots or a scene looks at.
-    scene: Option<SceneSeen>,
+    scene: Option<CapturedScene>,
     /// Whether saturation is meant; otherwise it is refused.
     #[serde(default)]
     saturates: bool,
@@ -268,7 +268,7 @@ fn expand(stack: &Stack) -> Result<Vec<Shot>> {
 fn with_sequences(shots: Vec<Shot>) -> Result<Vec<Shot>> {
     let mut all = Vec::new();
     for shot in shots {
-        let spec = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+        let spec = shot.scene.as_ref().map(CapturedScene::spec).unwrap_or_default();
         if sequence::passes_by(&spec) {
             return Err(Error::unsupported(format!("a stack of {spec:?}, whose scene moves")).help(
                 "the frames of a stack look at the same: give a folder of pictures, which becomes \
@@ -278,7 +278,7 @@ fn with_sequences(shots: Vec<Shot>) -> Result<Vec<Shot>> {
         match folder::files(&spec)? {
             None => all.push(shot),
             Some(files) => all.extend(files.into_iter().map(|file| {
-                let scene = SceneSeen { scene: file, angle_deg: None };
+                let scene = CapturedScene { scene: file, angle_deg: None };
                 Shot { scene: Some(scene), ..shot.clone() }
             })),
         }

@@ -6,7 +6,7 @@ use camrig_base::output::OutputDir;
 use camrig_base::{Error, RawFrame, Result};
 use camrig_camera::{Camera, FrameClock};
 use camrig_captures::manifest::ManifestWriter;
-use camrig_captures::{Capture, Light, Role, SceneSeen, SensorFacts, Uniformity};
+use camrig_captures::{Capture, CapturedScene, Light, Role, SensorFacts, Uniformity};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::{Format, Frames};
 use camrig_light::photometry::HC;
@@ -280,7 +280,7 @@ fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> 
 
 /// Scene and light of a shot of a target, which is what tells their irradiance apart.
 fn target(shot: &Shot) -> (String, SceneLight<'_>) {
-    let scene = shot.scene.as_ref().map(SceneSeen::spec).unwrap_or_default();
+    let scene = shot.scene.as_ref().map(CapturedScene::spec).unwrap_or_default();
     let illuminant = shot.light.illuminant.as_deref();
     (scene, SceneLight { illuminant, level: shot.light.lux.map(LightLevel::Lux) })
 }

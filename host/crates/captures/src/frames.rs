@@ -1,4 +1,4 @@
-//! Frames of a capture, streamed.
+//! Reads the frames of a capture in bounded memory.
 
 use super::{Capture, SensorFacts};
 use camrig_base::platform::read_at;
@@ -13,20 +13,21 @@ use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Frames of one batch whose samples still lie in their files: what may be open at a time.
-const OPEN_FILES: usize = 128;
-/// Pixels of the planes that are in memory at once, where that is more than one: 64 MiB.
+/// Most frames of a batch whose samples are still in their files, which limits the open files.
+const MAX_OPEN_FILES: usize = 128;
+/// Most pixels in memory at once, unless a single plane is larger: 64 MiB.
 const MAX_PIXELS: usize = 1 << 25;
 
-/// One frame that is at hand: its samples are in memory, or lie in a file as they are and are read
-/// when asked for.
+/// A frame of a file. Its samples are in memory, or are read on demand from a file that stores them
+/// uncompressed.
 pub struct StoredFrame {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Samples of a row as it is stored, and the first column and row that are read.
+    /// Samples of a stored row.
     stride: usize,
+    /// First column and row that are read.
     origin: [usize; 2],
     path: Arc<Path>,
     samples: Samples,
@@ -53,7 +54,7 @@ impl StoredFrame {
         Ok(())
     }
 
-    /// Fills `out` from a sample of the stored frame on.
+    /// Fills `out` from sample `start` of the stored frame on.
     fn read_samples(&self, start: usize, out: &mut [u16]) -> Result<()> {
         let (file, offset, sample) = match &self.samples {
             Samples::Memory(data) => {
@@ -88,10 +89,10 @@ impl StoredFrame {
         Ok(Plane { width: self.width, height: self.height, data })
     }
 
-    /// Refuses a frame whose largest sample, `largest`, is not one of the sensor's.
+    /// Checks that the largest sample of a frame fits the bits of the sensor.
     ///
     /// # Errors
-    /// More bits than `[sensor]` says.
+    /// A sample with more bits.
     pub fn check_largest(&self, sensor: &SensorFacts, largest: u16) -> Result<()> {
         if u32::from(largest) >> sensor.bits == 0 {
             return Ok(());
@@ -102,22 +103,22 @@ impl StoredFrame {
     }
 }
 
-/// Opens a file of one or more frames. Samples of NPY files stay where they are until they are
-/// asked for; every other format of [`formats`](camrig_formats) is decoded whole.
+/// Opens a file of one or more frames. Samples of NPY files are read on demand; files of the other
+/// [`formats`](camrig_formats) are decoded as a whole.
 ///
 /// # Errors
-/// Files that cannot be read, formats that are not known, and samples that are not raw DN.
+/// Files that cannot be read, unknown formats, and samples that are not raw DN.
 pub fn open(path: &Path) -> Result<Vec<StoredFrame>> {
     Ok(open_with_facts(path)?.0)
 }
 
-/// [`open`], with what the file says of its samples.
+/// [`open`], with the file's metadata.
 ///
 /// # Errors
 /// As [`open`].
 pub fn open_with_facts(path: &Path) -> Result<(Vec<StoredFrame>, Facts)> {
     let shared: Arc<Path> = path.into();
-    if let Some(found) = stored(path, &shared).map_err(|e| e.at(path.display()))? {
+    if let Some(found) = uncompressed(path, &shared).map_err(|e| e.at(path.display()))? {
         return Ok(found);
     }
     let frame = |plane: Plane<u16>| StoredFrame {
@@ -132,8 +133,8 @@ pub fn open_with_facts(path: &Path) -> Result<(Vec<StoredFrame>, Facts)> {
     Ok((read.planes.into_iter().map(frame).collect(), read.facts))
 }
 
-/// The frames of a file whose samples can be read where they lie.
-fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<(Vec<StoredFrame>, Facts)>> {
+/// The frames of a file whose samples can be read on demand; `None` for other files.
+fn uncompressed(path: &Path, shared: &Arc<Path>) -> Result<Option<(Vec<StoredFrame>, Facts)>> {
     let failed = |e| Error::io("read", path, e);
     let mut file = File::open(path).map_err(failed)?;
     let mut magic = [0; 8];
@@ -162,7 +163,7 @@ fn stored(path: &Path, shared: &Arc<Path>) -> Result<Option<(Vec<StoredFrame>, F
     Ok(Some(((0..count as u64).map(frame).collect(), facts)))
 }
 
-/// The frames of a capture in order of time, a few at a time.
+/// Reads the frames of a capture in order of time, a few at a time.
 pub struct Batches<'a> {
     sensor: &'a SensorFacts,
     files: &'a [PathBuf],
@@ -170,25 +171,25 @@ pub struct Batches<'a> {
 }
 
 impl<'a> Batches<'a> {
-    /// Of a capture of this sensor.
+    /// For a capture of this sensor.
     pub fn new(sensor: &'a SensorFacts, capture: &'a Capture) -> Self {
         Self { sensor, files: &capture.files, waiting: VecDeque::new() }
     }
 
-    /// Whether all frames have been given.
+    /// Whether all frames have been returned.
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty() && self.files.is_empty()
     }
 
-    /// The next frames, none at the end. Files are opened in parallel; those that must be decoded
-    /// few at a time.
+    /// The next frames; empty at the end. Files are opened in parallel, only a few at a time if they
+    /// must be decoded.
     ///
     /// # Errors
     /// A file that cannot be read, or a frame whose size contradicts `[sensor]`.
     pub fn next_batch(&mut self) -> Result<Vec<StoredFrame>> {
         let few = 2 * rayon::current_num_threads();
         let in_memory = |f: &StoredFrame| matches!(f.samples, Samples::Memory(_));
-        while self.waiting.len() < OPEN_FILES
+        while self.waiting.len() < MAX_OPEN_FILES
             && self.waiting.iter().filter(|f| in_memory(f)).count() < few
             && !self.files.is_empty()
         {
@@ -197,15 +198,15 @@ impl<'a> Batches<'a> {
             let opened: Vec<_> = now.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
             for frame in opened.into_iter().flatten() {
                 self.check_size(&frame)?;
-                self.waiting.push_back(self.sensor.part_of(frame));
+                self.waiting.push_back(self.sensor.region_of(frame));
             }
         }
-        let most = if self.waiting.iter().any(in_memory) { few } else { OPEN_FILES };
+        let most = if self.waiting.iter().any(in_memory) { few } else { MAX_OPEN_FILES };
         Ok(self.waiting.drain(..most.min(self.waiting.len())).collect())
     }
 
     fn check_size(&self, frame: &StoredFrame) -> Result<()> {
-        let (width, height) = self.sensor.stored();
+        let (width, height) = self.sensor.stored_size();
         if (frame.width, frame.height) == (width, height) {
             return Ok(());
         }
@@ -214,25 +215,25 @@ impl<'a> Batches<'a> {
             frame.width, frame.height
         ))
         .at(frame.path.display())
-        .help("every frame has the width and height of [sensor]"))
+        .help("every frame must have the width and height of [sensor]"))
     }
 }
 
 impl SensorFacts {
-    /// Columns and rows of the frames as they are stored.
-    fn stored(&self) -> (usize, usize) {
+    /// Columns and rows of the stored frames.
+    fn stored_size(&self) -> (usize, usize) {
         self.window.map_or((self.width, self.height), |w| (w.of[0], w.of[1]))
     }
 
-    /// What is read of a stored frame.
-    fn part_of(&self, frame: StoredFrame) -> StoredFrame {
+    /// The region of a stored frame that is read.
+    fn region_of(&self, frame: StoredFrame) -> StoredFrame {
         let origin = self.window.map_or([0; 2], |w| [w.x, w.y]);
         StoredFrame { width: self.width, height: self.height, origin, ..frame }
     }
 }
 
-/// Planes that are in memory at once, at most: few where frames are large.
-fn at_once(sensor: &SensorFacts) -> usize {
+/// Most planes in memory at once: few where frames are large.
+fn max_planes(sensor: &SensorFacts) -> usize {
     let pixels = (sensor.width * sensor.height).max(1);
     (MAX_PIXELS / pixels).clamp(1, 2 * rayon::current_num_threads())
 }
@@ -243,7 +244,7 @@ pub fn for_each_batch(
     capture: &Capture,
     mut each: impl FnMut(&[Plane<u16>]) -> Result<()>,
 ) -> Result<usize> {
-    let few = at_once(sensor);
+    let few = max_planes(sensor);
     let mut batches = Batches::new(sensor, capture);
     let mut count = 0;
     while !batches.is_empty() {
@@ -268,7 +269,7 @@ mod tests {
     use camrig_formats::{Facts, Format, Frames};
 
     #[test]
-    fn a_region_of_frames_is_that_part_of_them_wherever_they_are_stored() {
+    fn a_region_is_the_same_part_of_decoded_and_of_stored_frames() {
         let folder = tempfile::tempdir().unwrap();
         let frame = |k: u16| Plane::from_fn(10, 8, |x, y| 1000 * k + 10 * y as u16 + x as u16);
         let facts = Facts { bits: Some(12), ..Facts::default() };

@@ -1,4 +1,4 @@
-//! The codes that samples take: their step in DN.
+//! The codes that occur in samples, and their step in DN.
 //!
 //! A converter of 10 bits whose samples are stored at the top of 16-bit words (left-aligned) has
 //! steps of 64 DN, and rounding adds 64²/12 DN² instead of 1/12.
@@ -6,12 +6,12 @@
 use super::rounding::{self, QUANTISATION, QUANTISATION_LIMITED, sensitivity};
 use super::value::Value;
 
-/// Variance of the noise, in squares of the step, from which rounding adds 1/12 whatever the mean:
-/// its dependence on the mean is below 1e-7 there.
-const RESOLVED: f64 = 1.0;
-/// Least variance of the noise, in squares of the step, for which the first harmonic describes
+/// Variance of the noise, in squares of the step, above which rounding adds 1/12 independent of the
+/// mean, to 1e-7.
+const MIN_RESOLVED: f64 = 1.0;
+/// Smallest variance of the noise, in squares of the step, for which the first harmonic describes
 /// rounding (a standard deviation of 0.3).
-const DESCRIBED: f64 = 0.09;
+const MIN_DESCRIBED: f64 = 0.09;
 /// Steps of the fixed-point iteration for the variance of rounding. Each multiplies the error by
 /// 2 |1 − 4π²v| exp(−2π²v) for a variance of v steps²: 0.15 at 0.24 and 0.8 at 0.1.
 const ITERATIONS: usize = 50;
@@ -78,20 +78,21 @@ impl Codes {
         square * rounding::rounding(variance / square, mean, spread / square)
     }
 
-    /// A measured variance of samples as it were if rounding added
-    /// [`quantisation`](Self::quantisation) whatever the mean, DN². Rounding noise of less than a
-    /// step adds anything from less than nothing (all samples are one code) to a quarter of its
-    /// square (they are two). `None` where the noise is too little to tell how much it is.
+    /// Corrects a measured variance of samples for the dependence of rounding on the mean, so that
+    /// rounding adds [`quantisation`](Self::quantisation), DN². With noise of less than a step,
+    /// rounding changes the variance by anything from a negative amount (all samples have one code) to
+    /// a quarter of the step's square (two codes). `None` where the noise is too small to be
+    /// determined.
     pub fn as_if_resolved(&self, measured: Value, mean: f64, spread: f64) -> Option<Value> {
         let square = self.square();
-        if measured.value - self.quantisation() > RESOLVED * square {
+        if measured.value - self.quantisation() > MIN_RESOLVED * square {
             return Some(measured);
         }
         let mut noise = measured.value - self.quantisation();
         for _ in 0..ITERATIONS {
             noise = measured.value - self.rounding(noise.max(0.0), mean, spread);
         }
-        if noise < DESCRIBED * square {
+        if noise < MIN_DESCRIBED * square {
             return None;
         }
         let slope =
@@ -101,8 +102,8 @@ impl Codes {
         Some(Value::new(noise + self.quantisation(), error))
     }
 
-    /// Whether the noise of a measured variance is too little for what rounding adds to be known
-    /// without its mean.
+    /// Whether the noise of a measured variance is so small that the effect of rounding depends on the
+    /// mean.
     pub fn hides(&self, measured: f64) -> bool {
         measured < (QUANTISATION_LIMITED + QUANTISATION) * self.square()
     }
@@ -112,9 +113,8 @@ impl Codes {
         let (step, bits) = (self.step_dn, libm::log2(self.step_dn));
         (step > 1.0).then(|| {
             format!(
-                "all samples lie a multiple of {step} DN apart (left-aligned: the lowest {bits} \
-                 bits never vary): {step}²/12 = {:.4} DN² are taken off for quantisation, not \
-                 1/12",
+                "all samples differ by multiples of {step} DN (left-aligned: the lowest {bits} bits \
+                 never vary): {step}²/12 = {:.4} DN² are subtracted for quantisation, not 1/12",
                 self.quantisation()
             )
         })
@@ -143,7 +143,7 @@ mod tests {
             assert_eq!(codes.step_dn, step, "{samples:?}");
             assert_eq!(codes.note().is_some(), step > 1.0);
         }
-        // Constant stacks of different levels say together what none says alone.
+        // Constant stacks of different levels together determine the step.
         assert_eq!(Codes::of([seen(&[64]), seen(&[96]), BitsSeen::default()]).step_dn, 32.0);
     }
 
@@ -158,10 +158,10 @@ mod tests {
         assert_eq!(coarse.quantisation(), 4096.0 / 12.0);
     }
 
-    /// Samples of Gaussian noise, rounded, of 0.35 to 1.2 steps around means between two codes: the
-    /// noise comes back whatever the mean.
+    /// Rounded samples of Gaussian noise of 0.35 to 1.2 steps around means between two codes: the noise
+    /// is recovered for every mean.
     #[test]
-    fn rounding_comes_off_whatever_the_mean() {
+    fn rounding_is_corrected_for_any_mean() {
         let codes = Codes::of([BitsSeen::new(64, 0b11 << 2)]);
         for (sigma, mean) in [(0.35, 10.0), (0.35, 10.25), (0.4, 10.5), (0.5, 10.1), (1.2, 10.5)] {
             let density = |x: f64| (-0.5 * ((x - mean) / sigma).powi(2)).exp();
@@ -179,7 +179,7 @@ mod tests {
             let noise = (resolved.value - codes.quantisation()).sqrt() / 4.0;
             assert!((noise - sigma).abs() < 0.02, "{sigma} around {mean}: {noise}");
         }
-        // One code, and two of them: nothing is known of the noise.
+        // With one or two codes, the noise is unknown.
         for (variance, mean) in [(0.0, 40.0), (4.0, 42.0)] {
             assert!(codes.as_if_resolved(Value::new(variance, 1e-3), mean, 0.0).is_none());
             assert!(codes.hides(variance));

@@ -1,11 +1,11 @@
 //! Comparison of two capture sets: statistics of captures of the same id, and their differences in
 //! units of standard errors.
 
-use super::dark::SAME_EXPOSURE;
-use super::ladder::{Level, SAME_TEMPERATURE_C};
+use super::ladder::Level;
 use super::moments::Moments;
 use super::rounding::QUANTISATION;
 use super::stack::Stack;
+use super::tolerance::{SAME_EXPOSURE, SAME_TEMPERATURE_C};
 use super::value::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
@@ -38,11 +38,10 @@ pub struct Comparison {
 }
 
 /// The statistics of a channel: mean, temporal variance, and spatial variance of rows, columns and
-/// pixels; those that `frames` frames a capture do not show are left out.
+/// pixels; without those that this number of frames does not show.
 ///
-/// Samples are whole DN. No mean is known better than noise of 1/12 DN², that of rounding, would
-/// leave it over the samples, and no variance better than that noise's own: so constant frames can
-/// be compared, and a constant offset between them is a difference.
+/// Samples are whole DN. The errors of means and variances are at least those of rounding noise, 1/12
+/// DN², so that constant frames can be compared, and a constant offset between them is a difference.
 fn statistics(m: &Moments, frames: Frames) -> Vec<(&'static str, Value)> {
     let s = m.spatial();
     let samples = m.pixels() * m.frames as f64;
@@ -180,7 +179,7 @@ fn sensors_differ(first: &CaptureSet, second: &CaptureSet) -> Vec<String> {
     differ.map(|(name, a, b)| format!("{name}: {} against {}", words(a), words(b))).collect()
 }
 
-/// What the manifests say differently of two captures of the same id.
+/// The conditions in which two captures of the same id differ.
 fn conditions_differ(first: &Capture, second: &Capture) -> Option<String> {
     let (a, b) = (first, second);
     let mut differ = Vec::new();
@@ -245,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn other_conditions_and_captures_are_told() {
+    fn other_conditions_and_captures_are_reported() {
         let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
         let dark = "role = \"dark\"\nexposure_s = 0.02";
         let flat = "role = \"flat\"\nexposure_s = 2.0\nanalog_gain = 8.0";

@@ -1,5 +1,5 @@
-//! Stacks with the same frame twice. Copies hold no noise of their own, so that the temporal
-//! variance comes out too low: of each frame twice among four by a third.
+//! Detects copied frames in a stack. Copies have no noise of their own, so that the temporal variance
+//! is too low: by a third if each of two frames occurs twice.
 
 use super::stack::Stack;
 use camrig_base::copies::Print;
@@ -7,8 +7,8 @@ use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Refuses copies in a capture that was read as `stack`. Frames of equal sums are read again and
-/// compared; all others differ.
+/// Refuses copies in a capture that was read as `stack`. Only frames with equal sums are read again
+/// and compared.
 ///
 /// # Errors
 /// A frame that is a copy of another, and files that cannot be read.
@@ -34,7 +34,7 @@ pub fn refuse(set: &CaptureSet, capture: &Capture, stack: &Stack) -> Result<()> 
         Ok(())
     })?;
     let Some((frame, of)) = copy else { return Ok(()) };
-    // One file for each frame names it better.
+    // Where each frame has its own file, its name helps.
     let name = |i: usize| match capture.files.get(i) {
         Some(file) if capture.files.len() == stack.frames => {
             format!("frame {i} ({})", file.display())
@@ -43,10 +43,10 @@ pub fn refuse(set: &CaptureSet, capture: &Capture, stack: &Stack) -> Result<()> 
     };
     Err(Error::input(format!("{} is a copy of {}, the same samples", name(frame), name(of)))
         .at(format!("capture {:?}", capture.id))
-        .help("copies hold no noise of their own: take frames anew, or keep one of each"))
+        .help("copies have no noise of their own: take the frames again, or keep one of each"))
 }
 
-/// The frames whose marks are those of another frame.
+/// The frames whose hash equals that of another frame.
 fn alike(marks: &[u64]) -> BTreeSet<usize> {
     let mut frames: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (frame, mark) in marks.iter().enumerate() {
@@ -61,7 +61,7 @@ mod tests {
     use crate::synthetic::{Sensor, Shot, write_npy};
 
     /// The refusal of a dark of frames of these samples, 8 x 6 each.
-    fn said(frames: &[Vec<u16>]) -> Option<String> {
+    fn refusal(frames: &[Vec<u16>]) -> Option<String> {
         let directory = tempfile::tempdir().unwrap();
         let sensor = Sensor { width: 8, height: 6, ..Sensor::default() };
         let shot =
@@ -76,17 +76,17 @@ mod tests {
     }
 
     #[test]
-    fn the_same_frame_twice_is_refused_unless_a_sensor_without_noise_gives_it() {
+    fn copied_frames_are_refused_unless_the_sensor_has_no_noise() {
         let noise = |k: u32| -> Vec<u16> {
             let sample = |i: u32| 60 + ((48 * k + i).wrapping_mul(2_654_435_761) >> 29) as u16;
             (0..48).map(sample).collect()
         };
-        // Equal sums make no copy.
+        // Equal sums alone are not a copy.
         let mut turned = noise(1);
         turned.rotate_left(5);
-        assert_eq!(said(&[noise(1), turned, noise(2)]), None);
-        assert_eq!(said(&[vec![64; 48], vec![64; 48]]), None);
-        let copied = said(&[noise(1), noise(2), noise(1)]).unwrap();
+        assert_eq!(refusal(&[noise(1), turned, noise(2)]), None);
+        assert_eq!(refusal(&[vec![64; 48], vec![64; 48]]), None);
+        let copied = refusal(&[noise(1), noise(2), noise(1)]).unwrap();
         for part in ["frame 2 is a copy of frame 0", "capture \"dark-0\"", "keep one of each"] {
             assert!(copied.contains(part), "{copied}");
         }

@@ -25,7 +25,7 @@ const ITERATIONS: usize = 50;
 /// Shares of a pixel's charge that couple into its neighbours.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Coupling {
-    /// Share to the left and to the right neighbour, each.
+    /// Share that each of the left and right neighbours gets.
     pub horizontal: Value,
     /// Share to the neighbours above and below, each.
     pub vertical: Value,
@@ -35,7 +35,7 @@ pub struct Coupling {
 ///
 /// With shares a and b to the left and right, above and below, the noise of neighbours in a row
 /// has the correlation ρ = 2 a c / (c² + 2 a² + 2 b²), c = 1 - 2 a - 2 b (products of two shares
-/// that meet in no third pixel are left out). Read noise is added after the coupling: it lowers
+/// that share no third pixel are neglected). Read noise is added after the coupling: it lowers
 /// the correlation by the share of the variance that is not shot noise, which is measured on the
 /// dark of the same gain and nearest exposure.
 ///
@@ -62,7 +62,7 @@ pub fn fit(set: &CaptureSet) -> Result<Coupling> {
     }
     let (flat, flat_stack, total) = flat.ok_or_else(|| {
         Error::input("no unsaturated flat capture of several frames")
-            .help("coupling shows in the noise of flats: add one at half saturation")
+            .help("coupling is measured from the noise of flats: add one at half saturation")
     })?;
     let apart = |c: &&Capture| libm::log(c.exposure_s / flat.exposure_s).abs();
     let dark = set
@@ -148,7 +148,7 @@ saturates = true
     }
 
     fn near(found: Value, truth: f64) {
-        // Four standard errors; what the formula leaves out is of third order in the shares.
+        // Four standard errors; the formula neglects terms of third order in the shares.
         let tolerance = 4.0 * found.std_error + 10.0 * truth.powi(3);
         assert!((found.value - truth).abs() < tolerance, "{found:?} instead of {truth}");
     }

@@ -1,10 +1,10 @@
-//! Darks that are cut off: samples below some code were made that code, which then holds all of
-//! the noise's lower tail.
+//! Detects darks that are cut off: samples below some code were set to that code, which then contains
+//! the whole lower tail of the noise.
 //!
-//! The logarithm of a Gaussian is a parabola, so that its third difference over codes is 0. The
-//! three codes above one say how many samples that one has: n0 = n1³ n3 / n2³. A code that holds
-//! a cut-off tail has more, and the code below it has fewer; of noise whose tails are wider than
-//! a Gaussian's, both have more. What counts is the lowest code above a few defective pixels.
+//! The logarithm of a Gaussian is a parabola, so that its third difference over codes is 0. The three
+//! codes above a code predict its number of samples: n0 = n1³ n3 / n2³. A code that contains a cut-off
+//! tail has more, and the code below it fewer; with tails heavier than a Gaussian's, both have more.
+//! The test is applied to the lowest code above a few defective pixels.
 
 use super::codes::{BitsSeen, Codes};
 use super::moments::SATURATED_SHARE;
@@ -12,16 +12,16 @@ use super::value::Value;
 use camrig_base::Result;
 use camrig_captures::StoredFrame;
 
-/// Samples that are looked at, about: they tell a share of 0.1 % to 6 %.
+/// Approximate number of samples used: they determine a share of 0.1 % to 6 %.
 const SAMPLES: usize = 1 << 18;
-/// Standard errors of the counts by which a code has to have more than a Gaussian: chance gives
-/// them once in three million darks.
-const CLEAR: f64 = 5.0;
+/// Standard errors of the counts by which a code must exceed a Gaussian: by chance, once in three
+/// million darks.
+const MIN_ERRORS: f64 = 5.0;
 
 /// Where a dark is cut off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CutOff {
-    /// The lowest code that the samples take, DN.
+    /// The lowest code that occurs, DN.
     pub code_dn: u16,
     /// Share of the samples there.
     pub share: f64,
@@ -30,9 +30,9 @@ pub struct CutOff {
 }
 
 impl CutOff {
-    /// Of a frame whose pattern of colours recurs every `period` rows; `None` where it is not cut
-    /// off, where it is at 0 DN ([`Moments::zeros`](super::moments::Moments) says how much), or
-    /// where the samples take too few codes to tell.
+    /// Tests a frame whose colour pattern repeats every `period` rows. `None` where it is not cut off,
+    /// where it is cut off at 0 DN (see [`Moments::zeros`](super::moments::Moments)), or where too few
+    /// codes occur.
     ///
     /// # Errors
     /// A file that cannot be read.
@@ -64,8 +64,8 @@ impl CutOff {
         let next = below_of([n0, n1, n2]);
         let fewer = next.value - lowest.checked_sub(step).map_or(0.0, at);
         let cut_off = more > SATURATED_SHARE * all
-            && more > CLEAR * libm::hypot(here.std_error, n0.sqrt())
-            && fewer > CLEAR * next.std_error;
+            && more > MIN_ERRORS * libm::hypot(here.std_error, n0.sqrt())
+            && fewer > MIN_ERRORS * next.std_error;
         cut_off.then_some(Self {
             code_dn: lowest as u16,
             share: n0 / all,
@@ -73,13 +73,12 @@ impl CutOff {
         })
     }
 
-    /// A remark about `darks`, those that are cut off.
+    /// A remark about `darks`, the name of the frames that are cut off.
     pub fn note(&self, darks: &str) -> String {
         format!(
             "{:.1} % of the samples of {darks} are {} DN, where Gaussian noise would have {:.1} %: \
              it is cut off there, so that the offset is too high and read noise and fixed \
-             patterns are too low; take darks that nothing has been subtracted from, or raise the \
-             black level",
+             patterns are too low; take darks without subtraction, or raise the black level",
             100.0 * self.share,
             self.code_dn,
             100.0 * self.expected
@@ -119,18 +118,18 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_is_found_at_any_code_and_none_where_there_is_none() {
+    fn a_cut_is_found_at_any_code_and_only_where_there_is_one() {
         for (sigma, step) in [(0.2, 1.0), (0.5, 1.0), (1.0, 4.0), (2.0, 1.0), (9.0, 1.0)] {
             let mut whole = noise(sigma, step);
             assert_eq!(CutOff::of_samples(&whole), None, "{sigma} {step}");
-            // Two dead pixels hide nothing.
+            // Two dead pixels do not matter.
             whole[..2].fill(0);
             assert_eq!(CutOff::of_samples(&whole), None, "{sigma} {step}");
             let cut: Vec<u16> =
                 whole.iter().map(|&v| if v == 0 { 0 } else { v.max(64) }).collect();
             let found = CutOff::of_samples(&cut);
             if sigma < 1.0 {
-                // Three codes: too few to tell.
+                // Three codes are too few.
                 assert_eq!(found, None, "{sigma} {step}");
                 continue;
             }

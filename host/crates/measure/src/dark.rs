@@ -1,28 +1,32 @@
-//! The dark over exposure time and temperature: black level in DN, dark current in DN per second,
+//! The dark against exposure time and temperature: black level in DN, dark current in DN per second,
 //! and the temperature step that doubles it.
 
 use super::fit::Fit;
-use super::ladder::{Level, SAME_TEMPERATURE_C};
+use super::ladder::Level;
 use super::rounding::QUANTISATION;
+use super::tolerance::{SAME_EXPOSURE, SAME_TEMPERATURE_C};
 use super::value::Value;
 
-/// Relative difference of exposure times that counts as none: the rounding of decimals in a
-/// manifest.
-pub(crate) const SAME_EXPOSURE: f64 = 1e-6;
 /// Smallest ratio of abscissas (exposure times, signals) for a line extrapolated to zero. Two
 /// points at t and 1.5 t give 3 y₁ − 2 y₂ there, with 3.6 times the error of one.
 pub(crate) const MIN_SPAN: f64 = 1.5;
 /// Smallest dark current in standard errors for the fit of the doubling temperature: the logarithm
 /// of a less certain rate is biased.
-const CLEAR_RATE: f64 = 3.0;
-/// Fewest exposure times for a line.
+const MIN_RATE: f64 = 3.0;
+/// Smallest number of exposure times for a line.
 pub(crate) const MIN_EXPOSURES: usize = 2;
 
-/// Mean of the dark over exposure time.
+/// The mean of a dark at an exposure time.
+#[derive(Clone, Copy, Debug)]
+struct DarkPoint {
+    exposure_s: f64,
+    mean_dn: Value,
+}
+
+/// Mean of the dark against exposure time.
 #[derive(Clone, Debug)]
 pub struct DarkLine {
-    /// Exposure time s, mean DN, its error.
-    points: Vec<[f64; 3]>,
+    points: Vec<DarkPoint>,
     /// Line through the means, where the exposure times span [`MIN_SPAN`].
     line: Option<Fit>,
 }
@@ -30,29 +34,31 @@ pub struct DarkLine {
 impl DarkLine {
     /// The dark of one channel.
     pub fn of(darks: &[Level], channel: usize) -> Self {
-        let points: Vec<[f64; 3]> = darks
+        let points: Vec<DarkPoint> = darks
             .iter()
             .map(|d| {
                 let m = &d.channels[channel];
                 // A constant frame has no scatter; its mean is still uncertain by rounding.
                 let floor = (QUANTISATION / (m.pixels() * m.frames as f64)).sqrt();
-                [d.exposure_s, m.mean(), m.mean_error().max(floor)]
+                let mean_dn = Value::new(m.mean(), m.mean_error().max(floor));
+                DarkPoint { exposure_s: d.exposure_s, mean_dn }
             })
             .collect();
-        let column = |k: usize| -> Vec<f64> { points.iter().map(|p| p[k]).collect() };
-        let design: Vec<Vec<f64>> = points.iter().map(|p| vec![1.0, p[0]]).collect();
-        let line = Fit::new(&design, &column(1), &column(2)).ok();
-        Self { line: line.filter(|_| spans(&column(0))), points }
+        let column = |of: fn(&DarkPoint) -> f64| points.iter().map(of).collect::<Vec<f64>>();
+        let design: Vec<Vec<f64>> = points.iter().map(|p| vec![1.0, p.exposure_s]).collect();
+        let (means, errors) = (column(|p| p.mean_dn.value), column(|p| p.mean_dn.std_error));
+        let line = Fit::new(&design, &means, &errors).ok();
+        Self { line: line.filter(|_| spans(&column(|p| p.exposure_s))), points }
     }
 
-    /// Mean of the dark at an exposure time (s), DN: of the darks of that exposure, else on the
-    /// line through all darks, else of the first dark.
+    /// Mean of the dark at an exposure time (s), DN: of the darks of that exposure, otherwise on the
+    /// line through all darks, otherwise of the first dark.
     pub fn mean_at(&self, exposure_s: f64) -> Value {
         let same: Vec<Value> = self
             .points
             .iter()
-            .filter(|p| (p[0] - exposure_s).abs() <= SAME_EXPOSURE * exposure_s)
-            .map(|p| Value::new(p[1], p[2]))
+            .filter(|p| (p.exposure_s - exposure_s).abs() <= SAME_EXPOSURE * exposure_s)
+            .map(|p| p.mean_dn)
             .collect();
         if let Some(mean) = Value::combine(&same) {
             return mean;
@@ -66,24 +72,24 @@ impl DarkLine {
                 let error = (variance * fit.reduced_chi2().max(1.0)).sqrt();
                 Value::new(c[0] + c[1] * exposure_s, error)
             }
-            None => Value::new(self.points[0][1], self.points[0][2]),
+            None => self.points[0].mean_dn,
         }
     }
 
-    /// Mean at zero exposure, DN, and its growth, DN/s; the latter is `None` without a line.
+    /// Mean at zero exposure, DN, and its increase, DN/s; the latter is `None` without a line.
     pub fn offset_and_rate(&self) -> (Value, Option<Value>) {
         match &self.line {
             Some(fit) => {
                 let of = |j| Value::new(fit.coefficients[j], fit.std_error(j));
                 (of(0), Some(of(1)))
             }
-            None => (self.mean_at(self.points[0][0]), None),
+            None => (self.mean_at(self.points[0].exposure_s), None),
         }
     }
 }
 
 /// The temperature step that doubles the dark current, °C: from a line through ln(dark current)
-/// over temperature, with one point for each temperature that has two or more exposure times.
+/// against temperature, with one point for each temperature that has two or more exposure times.
 /// `None` with one temperature, or where the current does not rise.
 pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Value> {
     let mut groups: Vec<Vec<Level>> = Vec::new();
@@ -102,7 +108,7 @@ pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Val
     let mut errors = Vec::new();
     for group in &groups {
         let Some(rate) = DarkLine::of(group, channel).offset_and_rate().1 else { continue };
-        if rate.value > CLEAR_RATE * rate.std_error {
+        if rate.value > MIN_RATE * rate.std_error {
             let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
             design.push(vec![1.0, sum / group.len() as f64]);
             logs.push(libm::log(rate.value));

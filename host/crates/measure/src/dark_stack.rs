@@ -1,10 +1,10 @@
 //! Figures of one stack of dark frames in DN: offset, read noise, noise of rows and columns, hot
-//! pixels. Nothing but the samples need be known.
+//! pixels. No metadata is needed.
 //!
-//! Read noise is the square root of the temporal variance of the pixels less that of rounding,
+//! Read noise is the square root of the temporal variance of the pixels minus that of rounding,
 //! step²/12 (EMVA 1288 release 4.0, section 7.1); the dark current's shot noise is part of it.
-//! Noise of rows is that of the frames' row means about their temporal mean, less what white noise
-//! gives: with w pixels in a row V_row = σ_row² + (σ² − σ_row²)/w.
+//! Noise of rows is that of the frames' row means about their temporal mean, minus the contribution of
+//! white noise: with w pixels in a row V_row = σ_row² + (σ² − σ_row²)/w.
 
 use super::codes::Codes;
 use super::copies;
@@ -20,12 +20,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Standard deviations, estimated from the median deviation, from which a pixel counts as hot:
-/// Gaussian patterns give one in 1e9.
+/// Robust standard deviations above which a pixel is hot: one in 1e9 of a Gaussian pattern.
 const HOT_SIGMAS: f64 = 6.0;
-/// Standard deviation of a Gaussian over its median absolute deviation.
+/// Ratio of the standard deviation of a Gaussian to its median absolute deviation.
 const SIGMA_OVER_MEDIAN: f64 = 1.482_602;
-/// Bits of samples whose range is not known.
+/// Bits of samples of unknown range.
 const MAX_BITS: u32 = 16;
 
 /// Figures of a stack of dark frames.
@@ -49,19 +48,19 @@ pub struct DarkStack {
     pub hot_pixels: Value,
     /// Number of frames.
     pub frames: usize,
-    /// What a person should know.
+    /// Remarks for people.
     pub notes: Vec<String>,
 }
 
-/// The figures of the frames in `files`, in order of time. The pattern of the colour filters is
-/// `cfa`, or what the first file says, or one colour.
+/// The figures of the frames in `files`, in order of time. The colour filter pattern is `cfa`, otherwise
+/// that of the first file, otherwise monochrome.
 ///
 /// # Errors
 /// No file, files that cannot be read or differ in size, fewer than two frames, the same frame
 /// twice.
 pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
     let first = files.first().ok_or_else(|| {
-        Error::input("no frames").help("give the files of one stack of dark frames")
+        Error::input("no frames").help("provide the files of one stack of dark frames")
     })?;
     let frames = camrig_formats::read(first).map_err(|e| e.at(first.display()))?;
     let facts = frames.facts;
@@ -87,34 +86,34 @@ pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
     Ok(found)
 }
 
-/// In what the files of one stack say that they were taken otherwise than the first, a sentence for
-/// each kind with the first such file.
+/// Conditions in which files of one stack differ from the first: a sentence for each, with the first
+/// such file.
 fn differences(files: &[PathBuf], first: &Facts) -> Vec<String> {
-    type Say = fn(&Facts) -> Option<String>;
-    let kinds: [(&str, Say); 4] = [
+    type Condition = fn(&Facts) -> Option<String>;
+    let kinds: [(&str, Condition); 4] = [
         ("exposure", |f| Some(format!("{} s", f.taken.exposure_s.as_ref()?.value))),
         ("gain", |f| Some(f.taken.analog_gain.as_ref()?.value.to_string())),
         ("pattern", |f| Some(f.cfa.as_ref()?.to_string())),
         ("black level", |f| Some(format!("{} DN", f.black_level_dn?))),
     ];
-    let said = |facts: &Facts| kinds.map(|(_, say)| say(facts));
+    let conditions = |facts: &Facts| kinds.map(|(_, of)| of(facts));
     let others: Vec<_> = files[1..]
         .par_iter()
-        .filter_map(|file| Some((file, said(&open_with_facts(file).ok()?.1))))
+        .filter_map(|file| Some((file, conditions(&open_with_facts(file).ok()?.1))))
         .collect();
-    let told = |(i, wanted): (usize, Option<String>)| {
-        let wanted = wanted?;
-        let differs = |other: &Option<String>| other.as_ref().is_some_and(|o| *o != wanted);
-        let (file, said) = others.iter().find(|(_, said)| differs(&said[i]))?;
+    let difference = |(i, expected): (usize, Option<String>)| {
+        let expected = expected?;
+        let differs = |other: &Option<String>| other.as_ref().is_some_and(|o| *o != expected);
+        let (file, found) = others.iter().find(|(_, found)| differs(&found[i]))?;
         Some(format!(
-            "{} says another {} than the first file, {} instead of {wanted}: frames of one stack \
-             are taken under the same conditions",
+            "{} has another {} than the first file, {} instead of {expected}: frames of one stack \
+             must have the same conditions",
             file.display(),
             kinds[i].0,
-            said[i].as_deref().unwrap_or_default()
+            found[i].as_deref().unwrap_or_default()
         ))
     };
-    said(first).into_iter().enumerate().filter_map(told).collect()
+    conditions(first).into_iter().enumerate().filter_map(difference).collect()
 }
 
 /// The figures of a dark stack of a capture set.
@@ -124,9 +123,9 @@ fn differences(files: &[PathBuf], first: &Facts) -> Vec<String> {
 pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
     let stack = Stack::read(set, capture)?;
     if stack.frames < 2 {
-        return Err(Error::input("one frame")
-            .at(format!("capture {:?}", capture.id))
-            .help("noise is what differs between frames: give at least two, better sixteen"));
+        return Err(Error::input("one frame").at(format!("capture {:?}", capture.id)).help(
+            "noise is the difference between frames: provide at least two, better sixteen",
+        ));
     }
     copies::refuse(set, capture, &stack)?;
     let m = Moments::pool(&stack.moments);
@@ -149,7 +148,7 @@ pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
     let read_noise_dn = read_noise(&m, &codes);
     if read_noise_dn.is_none() {
         notes.push(format!(
-            "rounding hides the read noise: it is {:.2} DN at most (EMVA 1288 release 4.0, eq. 53); \
+            "rounding hides the read noise, which is at most {:.2} DN (EMVA 1288 release 4.0, eq. 53); \
              raise the gain",
             (QUANTISATION_LIMITED * codes.square()).sqrt()
         ));
@@ -170,7 +169,7 @@ pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
     })
 }
 
-/// Temporal noise without rounding; `None` where rounding is no longer equivalent to added noise.
+/// Temporal noise without rounding; `None` where rounding is not equivalent to added noise.
 fn read_noise(m: &Moments, codes: &Codes) -> Option<Value> {
     if m.temporal < QUANTISATION_LIMITED * codes.square() {
         return None;
@@ -218,7 +217,7 @@ impl Lines {
         self.columns.push(columns.iter().map(|s| *s as f64 / frame.height as f64).collect());
     }
 
-    /// Temporal noise of rows and of columns.
+    /// Temporal noise of rows and columns.
     fn noise(&self, stack: &Stack, temporal: f64) -> [Value; 2] {
         [(&self.rows, stack.width), (&self.columns, stack.height)].map(|(lines, pixels)| {
             let (variance, freedom) = scatter(lines);
@@ -283,7 +282,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (64, 48);
 
-    /// Figures of frames of `sample(frame, x, y)`, the last frame in a file of its own.
+    /// Figures of frames of `sample(frame, x, y)`; the last frame is in another file.
     fn figures(frames: usize, mut sample: impl FnMut(usize, usize, usize) -> f64) -> DarkStack {
         let folder = tempfile::tempdir().unwrap();
         let mut planes: Vec<Plane<u16>> = (0..frames)
@@ -307,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_other_conditions_are_told() {
+    fn files_of_other_conditions_are_reported() {
         let folder = tempfile::tempdir().unwrap();
         let mut taken = 0;
         let mut file = |name: &str, black: f64, exposure: f64| {
@@ -325,12 +324,12 @@ mod tests {
         };
         let [a, b] = [file("a.pgm", 64.0, 0.01), file("b.pgm", 64.0, 0.01)];
         let notes = |files: &[PathBuf]| of_files(files, None).unwrap().notes;
-        let told = |notes: Vec<String>| {
+        let conditions = |notes: Vec<String>| {
             notes.into_iter().filter(|note| note.contains("same conditions")).collect::<Vec<_>>()
         };
-        assert_eq!(told(notes(&[a.clone(), b.clone()])), [""; 0]);
+        assert_eq!(conditions(notes(&[a.clone(), b.clone()])), [""; 0]);
         let c = file("c.pgm", 100.0, 2.0);
-        let found = told(notes(&[a, b, c]));
+        let found = conditions(notes(&[a, b, c]));
         assert_eq!(found.len(), 2, "{found:?}");
         let words = ["another exposure than the first file, 2 s instead of 0.01 s", "100 DN"];
         for (note, words) in found.iter().zip(words) {
@@ -344,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_pixels_rows_and_columns_comes_back() {
+    fn noise_of_pixels_rows_and_columns_is_recovered() {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
         let mut normal = move |s: f64| Normal::new(0.0, s).unwrap().sample(&mut random);
         let mut row = 0.0;
@@ -365,9 +364,9 @@ mod tests {
         assert_eq!((found.frames, found.notes.len()), (16, 0));
     }
 
-    /// Noise of 0.6 DN: without the 1/12 DN² of rounding it would come out as 0.666.
+    /// Noise of 0.6 DN: without subtraction of the 1/12 DN² of rounding it would be 0.666.
     #[test]
-    fn rounding_is_taken_off_and_hides_what_is_small() {
+    fn rounding_is_subtracted_and_hides_small_noise() {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(6);
         let mut normal = move |s: f64| Normal::new(0.0, s).unwrap().sample(&mut random);
         near(figures(16, |_, _, _| 20.3 + normal(0.6)).read_noise_dn.unwrap(), 0.6, 4.0);

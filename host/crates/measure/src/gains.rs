@@ -36,7 +36,7 @@ pub struct Gains {
     pub gains: Vec<AtGain>,
     /// Read noise at unity gain, e⁻.
     pub read_e: Option<Value>,
-    /// Read noise from after the gain stage, e⁻ at unity gain; `None` where the fit gives no
+    /// Read noise from after the gain stage, e⁻ at unity gain; `None` where the fit has no
     /// positive variance.
     pub read_e_post: Option<Value>,
 }

@@ -3,26 +3,24 @@
 
 use super::codes::{BitsSeen, Codes};
 use super::cut_off::CutOff;
-use super::dark::SAME_EXPOSURE;
 use super::moments::Moments;
 use super::stack::Stack;
+use super::tolerance::{SAME_EXPOSURE, SAME_TEMPERATURE_C};
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Light, Role, Uniformity};
 use camrig_light::photometry::HC;
 
 /// Share of samples at the white level from which a dark counts as saturated.
 const SATURATED_DARK: f64 = 0.5;
-/// Standard deviations of the samples, and DN for rounding, by which the mean of a dark may lie
-/// below the nominal black level. A nominal level may miss the true one by drift, but not by more
-/// than the range of the dark's samples.
-const BELOW_BLACK: [f64; 2] = [6.0, 1.0];
-/// Standard errors by which a dark has to be brighter than a flat to contradict it: chance gives
-/// them once in three million pairs.
-const BRIGHTER: f64 = 5.0;
-
-/// Temperatures closer than this count as equal, °C: the sensors' own thermometers are good to
-/// about 1 °C.
-pub const SAME_TEMPERATURE_C: f64 = 3.0;
+/// Standard deviations of the samples by which the mean of a dark may lie below the nominal black
+/// level. The nominal level may be wrong by drift, but not by more than the range of the dark's
+/// samples.
+const MAX_SDS_BELOW_BLACK: f64 = 6.0;
+/// DN that are added to it, for rounding.
+const ROUNDING_DN: f64 = 1.0;
+/// Standard errors by which a dark must be brighter than a flat to contradict it: exceeded by chance
+/// once in three million pairs.
+const MIN_ERRORS: f64 = 5.0;
 
 /// One dark or flat stack: conditions and moments.
 #[derive(Clone, Debug)]
@@ -41,7 +39,7 @@ pub struct Level {
     pub channels: Vec<Moments>,
     /// Bits in which the samples vary.
     pub seen: BitsSeen,
-    /// Where the samples are cut off, of a dark.
+    /// Whether the samples of a dark are cut off, and where.
     pub cut_off: Option<CutOff>,
 }
 
@@ -63,7 +61,7 @@ pub struct Selection<'a> {
     pub other_darks: Vec<&'a Capture>,
     /// Flat captures.
     pub flats: Vec<&'a Capture>,
-    /// Whether the manifest calls the light of all flats even over the sensor.
+    /// Whether the manifest states that the light of all flats is even over the sensor.
     pub even_light: bool,
 }
 
@@ -74,7 +72,7 @@ impl<'a> Selection<'a> {
     /// No darks, or no flats.
     pub fn of(set: &'a CaptureSet) -> Result<Self> {
         let all = Self::all(set);
-        // Most flats; among equals the first in the file.
+        // The one with most flats, the first in the file of several.
         let most = all.iter().map(|s| s.flats.len()).max();
         let best = all.into_iter().find(|s| Some(s.flats.len()) == most);
         let best = best.ok_or_else(|| {
@@ -143,8 +141,8 @@ impl Level {
     }
 }
 
-/// Photons per pixel (area pitch²) over the exposure: as the manifest gives them, or E t A λ / (h
-/// c) for an irradiance E at a wavelength λ; `None` where the manifest has neither.
+/// Photons per pixel (area pitch²) over the exposure: from the manifest, or E t A λ / (h c) for an
+/// irradiance E at a wavelength λ; `None` where the manifest has neither.
 pub fn photons(set: &CaptureSet, capture: &Capture) -> Option<f64> {
     let light = capture.light.as_ref()?;
     if let Some(rate) = light.photons_per_pixel_per_s {
@@ -155,8 +153,8 @@ pub fn photons(set: &CaptureSet, capture: &Capture) -> Option<f64> {
     Some(energy * light.wavelength_nm? * 1e-9 / HC)
 }
 
-/// Relative exposure of each flat: photons per pixel where known, else the exposure time (s) where
-/// all flats have the same irradiance or illuminance, else `None`.
+/// Relative exposure of each flat: photons per pixel where known, otherwise the exposure time (s)
+/// where all flats have the same irradiance or illuminance, otherwise `None`.
 pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
     if let Some(photons) = flats.iter().map(|f| f.photons).collect() {
         return Some(photons);
@@ -177,9 +175,9 @@ pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
         for (channel, m) in dark.channels.iter().enumerate() {
             let place = format!("dark capture {:?}, channel {channel}", dark.id);
             if m.frames < 2 {
-                return Err(Error::input("one frame has no temporal noise to measure")
+                return Err(Error::input("temporal noise needs more than one frame")
                     .at(place)
-                    .help("give at least two frames per capture"));
+                    .help("provide at least two frames per capture"));
             }
             if m.whites > SATURATED_DARK {
                 return Err(Error::input("a dark capture is saturated").at(place));
@@ -187,8 +185,7 @@ pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
             let Some(black) = set.sensor.black_level_dn else { continue };
             let spread = (m.temporal + m.plane.measured).sqrt();
             let dark_signal = m.mean() - black;
-            let [deviations, rounding] = BELOW_BLACK;
-            if dark_signal < -(deviations * spread + rounding) {
+            if dark_signal < -(MAX_SDS_BELOW_BLACK * spread + ROUNDING_DN) {
                 return Err(Error::disagreement(format!(
                     "black_level_dn = {black} but the dark frames' mean is {:.2} DN with a \
                      standard deviation of {spread:.2} DN",
@@ -202,8 +199,8 @@ pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
     Ok(())
 }
 
-/// Refuses flats that are darker than a dark of their exposure time or a shorter one. Between two
-/// stacks an offset drifts by less than the noise of a sample or a step of the codes.
+/// Refuses flats that are darker than a dark of the same or a shorter exposure time. Between two
+/// stacks, an offset drifts by less than the noise of a sample or a step of the codes.
 ///
 /// # Errors
 /// A dark brighter than a flat.
@@ -215,7 +212,7 @@ pub fn check_flats<'a>(darks: &[Level], flats: impl Iterator<Item = &'a Level>) 
             for (channel, (f, d)) in flat.channels.iter().zip(&dark.channels).enumerate() {
                 let above = d.mean() - f.mean();
                 let error = libm::hypot(f.mean_error(), d.mean_error());
-                if above > BRIGHTER * error && above > d.temporal.sqrt() + step {
+                if above > MIN_ERRORS * error && above > d.temporal.sqrt() + step {
                     return Err(Error::disagreement(format!(
                         "dark capture {:?} has a mean of {:.2} DN, flat capture {:?} of {:.2} DN",
                         dark.id,
@@ -225,9 +222,9 @@ pub fn check_flats<'a>(darks: &[Level], flats: impl Iterator<Item = &'a Level>) 
                     ))
                     .at(format!("channel {channel}"))
                     .help(format!(
-                        "no flat is darker than a dark of {} s, no longer than its {} s: see \
-                         whether light reached the dark, or an id, an exposure or a gain is wrong",
-                        dark.exposure_s, flat.exposure_s
+                        "a flat of {} s must not be darker than a dark of {} s: check whether light \
+                         reached the dark, or whether an id, exposure or gain is wrong",
+                        flat.exposure_s, dark.exposure_s
                     )));
                 }
             }

@@ -8,8 +8,8 @@ use super::stack::Stack;
 use rayon::prelude::*;
 
 /// Weighted straight lines `y = offset + slope · x`, one per pixel; `x` (exposure time, signal)
-/// and the weight are common to a channel. Two planes of sums are kept, whatever the number of
-/// stacks.
+/// and the weight are common to a channel. Two planes of sums are kept, independent of the number
+/// of stacks.
 #[derive(Clone, Debug)]
 pub struct LineMaps {
     width: usize,
@@ -47,7 +47,7 @@ pub struct Point {
     /// A second quantity of the stack, such as its exposure time (see
     /// [`LineMaps::companion_slope`]).
     pub z: f64,
-    /// Weight: inverse variance of a pixel's mean, 1/DN²; 0 leaves the channel out.
+    /// Weight: inverse variance of a pixel's mean, 1/DN²; 0 to exclude the channel.
     pub weight: f64,
 }
 

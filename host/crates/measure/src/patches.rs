@@ -74,7 +74,7 @@ pub fn built_in_corners(width: usize, height: usize, card_width: f64) -> Corners
 }
 
 /// Measures all patches. `black` is the black level, `white` the white level, both in DN; of a
-/// white level that is not known, patches at the frame's largest value tell.
+/// unknown white level, patches at the frame's largest value are saturated.
 ///
 /// # Errors
 /// Corners whose patches leave the frame or hold fewer than four samples, patches that are
@@ -291,7 +291,7 @@ fn sample<T: Copy + Into<f64>>(
     Ok(Sampled { cells, at_zero: zeros as f64 / pixels as f64 })
 }
 
-/// What is to be said of patches with samples at 0 DN.
+/// A note on patches with samples at 0 DN.
 #[must_use]
 pub fn cut_off(patches: &[Patch]) -> Option<String> {
     let some = patches.iter().filter(|p| p.at_zero > 0.0);
@@ -372,7 +372,7 @@ mod tests {
         (frame, corners)
     }
 
-    /// The white patch is clipped, at a level that nothing tells: told or not, it has no mean.
+    /// The white patch is clipped at a level that may be unknown: it has no mean in either case.
     #[test]
     fn a_clipped_patch_is_refused_without_a_white_level() {
         let mono = Cfa::parse("mono").unwrap();

@@ -14,8 +14,8 @@ use serde::Serialize;
 
 /// Index of the white patch (19), counted from 0.
 const WHITE: usize = 18;
-/// Side of the averaged square over that of the patch: demosaicing and sharpening change colours
-/// near the edges.
+/// Side of the averaged square relative to the patch: demosaicing and sharpening change colours near
+/// the edges.
 const MIDDLE: f64 = 0.5;
 
 /// Colour of one patch.
@@ -36,22 +36,29 @@ pub fn srgb_to_linear(v: f64) -> f64 {
     if v <= 0.04045 { v / 12.92 } else { libm::pow((v + 0.055) / 1.055, 2.4) }
 }
 
-/// Colours of the patches of the built-in chart, `card` sensor widths wide, in a picture of linear
-/// sRGB. `frame` is the width of the raw frame, pixels: converters may leave out a border all
-/// round.
+/// Where the built-in chart is in a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Card {
+    /// Width of the raw frame, pixels; the picture may lack a border all round.
+    pub frame_width: usize,
+    /// Width of the chart, sensor widths.
+    pub card_width: f64,
+}
+
+/// Colours of the patches of the built-in chart in a picture of linear sRGB.
 ///
 /// # Errors
 /// A picture too small for the chart, or one in which the white patch is black.
-pub fn colours(picture: &Plane<[f64; 3]>, frame: usize, card: f64) -> Result<Vec<Patch>> {
+pub fn colours(picture: &Plane<[f64; 3]>, card: Card) -> Result<Vec<Patch>> {
     let too_small = || {
         Error::input(format!("a picture of {} x {} pixels", picture.width, picture.height))
             .help("the whole chart must be in it, at one picture pixel per sensor pixel")
     };
     let mut found = Vec::with_capacity(colorchecker::COLUMNS * colorchecker::ROWS);
     for index in 0..colorchecker::COLUMNS * colorchecker::ROWS {
-        let [left, top, edge] = colorchecker::patch(index, card);
+        let [left, top, edge] = colorchecker::patch(index, card.card_width);
         let span = |start: f64, size: usize| {
-            let at = |t: f64| (start + t * edge) * frame as f64 + size as f64 / 2.0;
+            let at = |t: f64| (start + t * edge) * card.frame_width as f64 + size as f64 / 2.0;
             let (first, last) = (at(0.5 - MIDDLE / 2.0), at(0.5 + MIDDLE / 2.0));
             let fits = first >= 0.0 && last <= size as f64 && last - first >= 1.0;
             fits.then_some(first as usize..(last as usize).max(first as usize + 1))
@@ -71,7 +78,7 @@ pub fn colours(picture: &Plane<[f64; 3]>, frame: usize, card: f64) -> Result<Vec
     let truth = truth()?;
     if !(found[WHITE][1] > 0.0) {
         return Err(Error::input("the white patch is black in the picture")
-            .help("is the chart where the built-in one is?"));
+            .help("the chart must be at the position of the built-in one"));
     }
     let scale = truth[WHITE][1] / found[WHITE][1];
     let white = XYZ_FROM_SRGB.map(|row| row.iter().sum());
@@ -108,24 +115,25 @@ mod tests {
     fn true_colours_have_no_error() {
         let truth = truth().unwrap();
         let inverse = camrig_formats::color::inverse(&XYZ_FROM_SRGB).unwrap();
-        let (width, height, card) = (360, 240, 0.8);
+        let (width, height) = (360, 240);
+        let card = Card { frame_width: width, card_width: 0.8 };
         let mut picture = Plane::filled(width, height, [0.01; 3]);
         for (index, xyz) in truth.iter().enumerate() {
             let rgb =
                 inverse.map(|row| 0.7 * row.iter().zip(xyz).map(|(m, v)| m * v).sum::<f64>());
-            let [left, top, edge] = colorchecker::patch(index, card);
+            let [left, top, edge] = colorchecker::patch(index, card.card_width);
             let at = |t: f64, size: usize| (t * width as f64 + size as f64 / 2.0) as usize;
             for y in at(top, height)..at(top + edge, height) {
                 picture.row_mut(y)[at(left, width)..at(left + edge, width)].fill(rgb);
             }
         }
-        let patches = colours(&picture, width, card).unwrap();
+        let patches = colours(&picture, card).unwrap();
         assert!(patches.iter().all(|p| p.delta_e_2000 < 1e-6), "{patches:?}");
-        // A border left out moves nothing.
+        // A missing border has no effect.
         let cut = Plane::from_fn(width - 16, height - 16, |x, y| picture.at(x + 8, y + 8));
-        assert!(colours(&cut, width, card).unwrap().iter().all(|p| p.delta_e_2000 < 1e-6));
+        assert!(colours(&cut, card).unwrap().iter().all(|p| p.delta_e_2000 < 1e-6));
         picture.data.iter_mut().for_each(|p| p[0] *= 1.2);
-        assert!(colours(&picture, width, card).unwrap().iter().any(|p| p.delta_e_2000 > 3.0));
-        assert!(colours(&Plane::filled(20, 10, [0.5; 3]), 360, card).is_err());
+        assert!(colours(&picture, card).unwrap().iter().any(|p| p.delta_e_2000 > 3.0));
+        assert!(colours(&Plane::filled(20, 10, [0.5; 3]), card).is_err());
     }
 }

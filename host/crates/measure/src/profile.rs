@@ -238,7 +238,7 @@ pub fn relative_illumination(
         .collect())
 }
 
-/// What is to be said of a channel's samples that may be clipped: all at the white level and at
+/// A note on a channel's samples that may be clipped: all at the white level and at
 /// 0 DN; where the white level is not known, a ring around the frame's centre half of whose samples
 /// or more have the largest value. Of symmetric noise, half lies above its mean, and a level at
 /// which a ring is cut off there or below has at least as many samples.

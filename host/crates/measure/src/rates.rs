@@ -4,16 +4,16 @@
 //! below saturation. The means over the pixels of each position give the channel ratios of a
 //! camera under each narrow-band filter (the product of quantum efficiency and crosstalk).
 
-use super::dark::SAME_EXPOSURE;
 use super::site::Site;
 use super::stack::Stack;
+use super::tolerance::SAME_EXPOSURE;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Light, Role};
 use serde::Serialize;
 use std::fmt;
 
-/// Samples above this share of the white level are left out: near it the response is not linear.
-const CLEAR_OF_WHITE: f64 = 0.95;
+/// Largest signal used, as a share of the white level: near it the response is not linear.
+const MAX_SHARE_OF_WHITE: f64 = 0.95;
 
 /// Rates of one scene under one light.
 #[derive(Clone, Debug, Serialize)]
@@ -22,7 +22,7 @@ pub struct Series {
     pub role: Role,
     /// Wavelength of narrow-band light, nm.
     pub wavelength_nm: Option<f64>,
-    /// The light as the manifest has it: captures of another light are another series.
+    /// The light, from the manifest: each light is a series of its own.
     pub light: Option<Light>,
     /// Analog gain.
     pub analog_gain: f64,
@@ -51,7 +51,7 @@ impl fmt::Display for Series {
     }
 }
 
-/// What a series is of.
+/// A name for a series.
 fn name(role: Role, light: Option<&Light>) -> String {
     let light = light.cloned().unwrap_or_default();
     let words = [
@@ -70,8 +70,8 @@ fn name(role: Role, light: Option<&Light>) -> String {
 /// noise lies below its mean, and the black level of a working camera is above 0.
 const CLIPPED: f64 = 0.5;
 
-/// Measures every exposure series of the set except darks. Where the set names no pattern, it is
-/// taken as 2 x 2 positions of unknown colour.
+/// Measures every exposure series of the set except darks. A set without a pattern is treated as 2 x
+/// 2 positions of unknown colour.
 ///
 /// # Errors
 /// A series without a dark of its exposure times and without a black level.
@@ -114,7 +114,7 @@ fn series(set: &CaptureSet, mut captures: Vec<&Capture>) -> Result<Series> {
             site.x0,
             site.y0
         );
-        notes.extend(left_out(&what, all.len() - known.len(), all.len()));
+        notes.extend(saturation_note(&what, all.len() - known.len(), all.len()));
     }
     let largest = positions.iter().filter_map(|p| p.1).reduce(f64::max).filter(|r| *r > 0.0);
     Ok(Series {
@@ -129,28 +129,28 @@ fn series(set: &CaptureSet, mut captures: Vec<&Capture>) -> Result<Series> {
     })
 }
 
-/// What is to be said of pixels of a position that have no rate.
-fn left_out(what: &str, saturated: usize, all: usize) -> Option<String> {
+/// A note on the pixels of a position without a rate.
+fn saturation_note(what: &str, saturated: usize, all: usize) -> Option<String> {
     let near = "near the white level at every exposure";
     match saturated {
         0 => None,
         n if n == all => Some(format!("{what}: all pixels are {near}: expose less")),
         n => Some(format!(
-            "{what}: {n} of {all} pixels are {near} and left out; where they get more light than \
-             the others, the rate is too small: expose less"
+            "{what}: {n} of {all} pixels are {near} and excluded; if they get more light than the \
+             others, the rate is too small: expose less"
         )),
     }
 }
 
-/// Rate of each pixel, DN/s, at its longest exposure clear of the white level, `None` where there
-/// is none; and remarks on the black levels. The captures are in order of exposure.
+/// Rate of each pixel, DN/s, at its longest exposure well below the white level, `None` where there
+/// is none; and notes on the black levels. The captures are in order of exposure.
 fn pixel_rates(
     set: &CaptureSet,
     captures: &[&Capture],
     sites: &[Site],
 ) -> Result<(Vec<Option<f64>>, Vec<String>)> {
     let (width, height) = (set.sensor.width, set.sensor.height);
-    let clear = CLEAR_OF_WHITE * f64::from(set.sensor.white_level_dn);
+    let clear = MAX_SHARE_OF_WHITE * f64::from(set.sensor.white_level_dn);
     let mut rates: Vec<Option<f64>> = vec![None; width * height];
     let (mut clipped, mut nominal) = (0.0f64, Vec::new());
     for capture in captures {
@@ -173,7 +173,7 @@ fn pixel_rates(
     if !nominal.is_empty() {
         nominal.dedup();
         notes.push(format!(
-            "no dark of {} at analog gain {}: black_level_dn of captures.toml is taken off, \
+            "no dark of {} at analog gain {}: black_level_dn of captures.toml is subtracted, \
              without the dark current",
             nominal.join(", "),
             captures[0].analog_gain
@@ -182,7 +182,7 @@ fn pixel_rates(
     if clipped > CLIPPED {
         notes.push(format!(
             "{:.0} % of the dark samples are at 0 DN: the offset clips small signals, so rates of \
-             faint positions come out too small, most where only short exposures are below \
+             faint positions are too small, mostly where only short exposures are below \
              saturation",
             100.0 * clipped
         ));
@@ -194,14 +194,14 @@ fn pixel_rates(
 struct Black {
     /// Of each position, DN.
     dn: Vec<f64>,
-    /// Whether a dark of the capture's exposure shows it; it is the nominal one otherwise.
+    /// Whether it is from a dark of the capture's exposure; otherwise it is the nominal one.
     measured: bool,
     /// Share of dark samples at 0 DN.
     zeros: f64,
 }
 
 impl Black {
-    /// The mean of the dark of the capture's exposure, else the nominal black level.
+    /// The mean of the dark of the capture's exposure, otherwise the nominal black level.
     fn of(set: &CaptureSet, capture: &Capture, sites: &[Site]) -> Result<Self> {
         let dark = set.with_role(Role::Dark).find(|d| {
             d.analog_gain == capture.analog_gain
@@ -233,10 +233,9 @@ mod tests {
     use super::*;
 
     /// Real captures through seven filters: at 550 nm another program finds G, B, R in the ratios
-    /// 1, 0.040, 0.014 and the greens 0.9954, to 0.005. Its figures are met by the chart series.
-    /// The dot series gives 0.046 for blue: in this camera the offset lies some 2 DN below 0 and
-    /// clips, so that a ratio depends on the exposures it is taken from (0.038 from 25 ms alone,
-    /// 0.050 from 50 ms), and the note says so.
+    /// 1, 0.040, 0.014 and the greens 0.9954, to 0.005. The chart series agrees. The dot series has
+    /// 0.046 for blue: in this camera the offset is some 2 DN below 0 and clips, so that a ratio
+    /// depends on the exposures used (0.038 from 25 ms alone, 0.050 from 50 ms), as the note states.
     #[test]
     fn real_seven_filter_captures() {
         let Some(root) = camrig_testing::shared("data/captures/bllanos_narrowband_7x7") else {
@@ -314,10 +313,10 @@ mod tests {
     }
 
     #[test]
-    fn the_nominal_black_level_is_told() {
+    fn use_of_the_nominal_black_level_is_noted() {
         let series = of("black_level_dn = 64", &[("a", "role = \"flat\"", |_, _| 1064)]);
         assert_eq!(series[0].positions[0].1.map(f64::round), Some(100_000.0));
-        let told = series[0].notes.join("\n");
-        assert!(told.contains("no dark of 0.01 s at analog gain 1: black_level_dn"), "{told}");
+        let notes = series[0].notes.join("\n");
+        assert!(notes.contains("no dark of 0.01 s at analog gain 1: black_level_dn"), "{notes}");
     }
 }

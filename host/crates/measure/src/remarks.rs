@@ -1,17 +1,17 @@
-//! What the photon transfer and EMVA 1288 both have to say about a ladder of levels.
+//! Remarks on a series of levels that photon transfer and EMVA 1288 share.
 
-use super::dark::{SAME_EXPOSURE, distinct, spans};
-use super::ladder::{Level, SAME_TEMPERATURE_C, Selection};
+use super::dark::{distinct, spans};
+use super::ladder::{Level, Selection};
 use super::moments::SATURATED_SHARE;
+use super::tolerance::{SAME_EXPOSURE, SAME_TEMPERATURE_C};
 use super::value::Value;
 use camrig_captures::{CaptureSet, Role};
 
-/// Standard errors from which a figure is significantly above a limit: chance puts one in 700
-/// there.
+/// Standard errors above which a figure significantly exceeds a limit: by chance, one in 700 does.
 const SIGNIFICANT: f64 = 3.0;
 
-/// Remarks on the levels of a selection. `line`: exposure times of darks from which a line gives
-/// the dark at other ones.
+/// Remarks on the levels of a selection. `line` is the number of exposure times of darks from which
+/// the dark at other exposure times is on a line.
 pub fn of_ladder(
     set: &CaptureSet,
     selection: &Selection,
@@ -21,7 +21,7 @@ pub fn of_ladder(
 ) -> Vec<String> {
     let cut_off = darks.iter().find_map(|d| Some((d, d.cut_off?)));
     let notes = [
-        elsewhere(set, selection),
+        other_conditions(set, selection),
         temperatures(flats),
         dark_exposures(darks, flats, line),
         cut_off.map(|(d, cut_off)| cut_off.note(&format!("dark {:?}", d.id))),
@@ -31,47 +31,47 @@ pub fn of_ladder(
 }
 
 /// Flats of other gains or lights than the selection's.
-fn elsewhere(set: &CaptureSet, selection: &Selection) -> Option<String> {
-    let elsewhere = set.with_role(Role::Flat).count() - selection.flats.len();
+fn other_conditions(set: &CaptureSet, selection: &Selection) -> Option<String> {
+    let others = set.with_role(Role::Flat).count() - selection.flats.len();
     let light = selection.wavelength_nm.map_or(String::new(), |nm| format!(" and {nm} nm"));
-    (elsewhere > 0).then(|| {
+    (others > 0).then(|| {
         format!(
-            "figures of analog gain {}{light} only, which has most levels: {elsewhere} flat \
-             captures of other gains or lights are left out (they are figures of one operating \
-             point; keep the captures of one in the set to measure another)",
+            "figures of analog gain {}{light} only, which has most levels: {others} flat captures \
+             of other gains or lights are not used (figures apply to one operating point; to \
+             measure another, keep only its captures in the set)",
             selection.analog_gain
         )
     })
 }
 
-/// Flats that the sensor saw at different temperatures.
+/// Flats at different temperatures.
 fn temperatures(flats: &[Level]) -> Option<String> {
     let of = |f: &Level| f.temperature_c;
     let coldest = flats.iter().filter_map(of).min_by(f64::total_cmp)?;
     let warmest = flats.iter().filter_map(of).max_by(f64::total_cmp)?;
     (warmest - coldest > SAME_TEMPERATURE_C).then(|| {
         format!(
-            "the flats' temperatures lie from {coldest} to {warmest} °C, which is one operating \
-             point no more: the darks are those of one temperature, and what dark current differs \
-             counts as light; keep the flats of one temperature"
+            "the flats' temperatures range from {coldest} to {warmest} °C, which is not one \
+             operating point: the darks have one temperature, and differences of the dark current \
+             count as light; keep the flats of one temperature"
         )
     })
 }
 
-/// Flats whose exposure time no dark has, unless a line through the darks gives it.
+/// Flats without a dark of their exposure time, unless it is on a line through the darks.
 fn dark_exposures(darks: &[Level], flats: &[Level], line: usize) -> Option<String> {
     let times: Vec<f64> = darks.iter().map(|d| d.exposure_s).collect();
     let shortest = times.iter().copied().min_by(f64::total_cmp)?;
     let longest = times.iter().copied().max_by(f64::total_cmp)?;
     let same = |f: &Level, t: f64| (t - f.exposure_s).abs() <= SAME_EXPOSURE * f.exposure_s;
-    let alone = flats.iter().filter(|f| !times.iter().any(|&t| same(f, t)));
+    let unmatched = flats.iter().filter(|f| !times.iter().any(|&t| same(f, t)));
     let has_line = spans(&times) && distinct(&times) >= line;
     let outside = |f: &&Level| !(shortest..=longest).contains(&f.exposure_s);
-    let count = alone.filter(|f| !has_line || outside(f)).count();
+    let count = unmatched.filter(|f| !has_line || outside(f)).count();
     let what = if has_line {
         format!(
-            "lie outside the darks' {shortest} to {longest} s: a line through the darks is carried \
-             on to them"
+            "are outside the darks' {shortest} to {longest} s: a line through the darks is \
+             extrapolated"
         )
     } else {
         let at = if shortest < longest {
@@ -80,28 +80,28 @@ fn dark_exposures(darks: &[Level], flats: &[Level], line: usize) -> Option<Strin
             format!("{shortest} s")
         };
         format!(
-            "are of another exposure time than the darks ({at}), too few for a line: a dark of \
-             another exposure is taken off, and the dark current of the difference counts as light"
+            "have another exposure time than the darks ({at}), too few for a line: a dark of \
+             another exposure is subtracted, and the dark current of the difference counts as light"
         )
     };
     (count > 0).then(|| {
         format!(
-            "{count} of {} flat levels have no dark of their own and {what}; EMVA 1288 takes a \
-             dark at each exposure time",
+            "{count} of {} flat levels have no dark of their exposure time and {what}; EMVA 1288 \
+             requires a dark at each exposure time",
             flats.len()
         )
     })
 }
 
-/// Samples above the level at which the manifest says that they saturate.
+/// Samples above the saturation level of the manifest.
 fn beyond_white(set: &CaptureSet, darks: &[Level], flats: &[Level]) -> Option<String> {
     let worst = |l: &Level| l.channels.iter().map(|m| m.beyond_white).fold(0.0, f64::max);
     let levels = darks.iter().chain(flats).map(|l| (worst(l), l));
     let (share, level) = levels.max_by(|a, b| a.0.total_cmp(&b.0))?;
     (share > SATURATED_SHARE).then(|| {
         format!(
-            "{:.1} % of the samples of {:?} lie above white_level_dn = {}: levels that are not \
-             saturated may be left out, and the full well is too low; correct white_level_dn",
+            "{:.1} % of the samples of {:?} are above white_level_dn = {}: unsaturated levels may be \
+             excluded, and the full well is too low; correct white_level_dn",
             100.0 * share,
             level.id,
             set.sensor.white_level_dn
@@ -109,11 +109,11 @@ fn beyond_white(set: &CaptureSet, darks: &[Level], flats: &[Level]) -> Option<St
     })
 }
 
-/// A quantum efficiency above 1 by more than its error, which no sensor has.
+/// A quantum efficiency significantly above 1, which is impossible.
 pub fn efficiency(name: &str, efficiency: Value) -> Option<String> {
     (efficiency.value - SIGNIFICANT * efficiency.std_error > 1.0).then(|| {
         format!(
-            "channel {name}: a quantum efficiency of {:.3} is impossible, as a photon gives one \
+            "channel {name}: a quantum efficiency of {:.3} is impossible, as a photon generates one \
              electron at most: the frames were smoothed or otherwise processed, so that K is too \
              low, or the irradiance, the photons or the pixel pitch are wrong",
             efficiency.value
@@ -144,9 +144,9 @@ mod tests {
         Shot { exposure_s, rate, frames: 2, temperature_c: 25.0, analog_gain: 1.0 }
     }
 
-    /// A set of darks and ten flats of two frames each, and what both measurements say about it
-    /// after `change`.
-    fn told(
+    /// The remarks of both measurements on a set of darks and ten flats of two frames each, after
+    /// `change`.
+    fn remarks(
         sensor: &Sensor,
         (darks, flats): (&[f64], &[f64]),
         change: impl FnOnce(&mut CaptureSet),
@@ -164,19 +164,19 @@ mod tests {
         ]
     }
 
-    /// Both measurements say all of these.
-    fn both(said: &[Result<String, String>; 2], words: &[&str]) {
-        for said in said {
-            let said = said.as_ref().unwrap_or_else(|e| e);
+    /// Both measurements have all of these remarks.
+    fn both(remarks: &[Result<String, String>; 2], words: &[&str]) {
+        for remarks in remarks {
+            let remarks = remarks.as_ref().unwrap_or_else(|e| e);
             for words in words {
-                assert!(said.contains(words), "{words:?} in {said}");
+                assert!(remarks.contains(words), "{words:?} in {remarks}");
             }
         }
     }
 
-    fn refused(said: &[Result<String, String>; 2], words: &[&str]) {
-        assert!(said.iter().all(Result::is_err), "{said:?}");
-        both(said, words);
+    fn refused(remarks: &[Result<String, String>; 2], words: &[&str]) {
+        assert!(remarks.iter().all(Result::is_err), "{remarks:?}");
+        both(remarks, words);
     }
 
     const ONE: (&[f64], &[f64]) = (&[0.01], &[0.01; 10]);
@@ -187,40 +187,45 @@ mod tests {
 
     #[test]
     fn a_set_that_meets_the_assumptions_has_none_of_these_remarks() {
-        for said in told(&SENSOR, ONE, |_| ()) {
-            let said = said.unwrap();
-            for words in ["of their own", "left out (", "temperatures", "cut off", "lie above"] {
-                assert!(!said.contains(words), "{said}");
+        for remarks in remarks(&SENSOR, ONE, |_| ()) {
+            let remarks = remarks.unwrap();
+            for words in
+                ["of their exposure", "not used (", "temperatures", "cut off", "are above"]
+            {
+                assert!(!remarks.contains(words), "{remarks}");
             }
         }
     }
 
     #[test]
-    fn flats_without_a_dark_of_their_exposure_are_told() {
+    fn flats_without_a_dark_of_their_exposure_are_reported() {
         let glowing = Sensor { dark_e_per_s: 20_000.0, ..SENSOR };
         let times: Vec<f64> = (1..=10).map(|k| 0.008 * f64::from(k)).collect();
-        let of = |darks: &[f64]| told(&glowing, (darks, &times), |_| ());
-        both(&of(&[0.008]), &["9 of 10 flat levels have no dark of their own", "(0.008 s)"]);
+        let of = |darks: &[f64]| remarks(&glowing, (darks, &times), |_| ());
+        both(
+            &of(&[0.008]),
+            &["9 of 10 flat levels have no dark of their exposure time", "(0.008 s)"],
+        );
         let outside = of(&[0.008, 0.02, 0.04]);
         both(&outside, &["5 of 10 flat levels", "outside the darks' 0.008 to 0.04 s"]);
-        for said in of(&[0.008, 0.04, 0.08]) {
-            assert!(!said.as_ref().unwrap().contains("of their own"), "{said:?}");
+        for remarks in of(&[0.008, 0.04, 0.08]) {
+            assert!(!remarks.as_ref().unwrap().contains("of their exposure"), "{remarks:?}");
         }
     }
 
     #[test]
     fn a_dark_that_light_reached_is_refused() {
         // The sixth flat, 5100 e⁻, as a dark.
-        let lit = told(&SENSOR, ONE, |set| set.captures[6].role = Role::Dark);
+        let lit = remarks(&SENSOR, ONE, |set| set.captures[6].role = Role::Dark);
         refused(
             &lit,
-            &["dark capture \"flat-6\"", "flat capture \"flat-1\"", "no flat is darker"],
+            &["dark capture \"flat-6\"", "flat capture \"flat-1\"", "must not be darker"],
         );
     }
 
     #[test]
-    fn darks_cut_off_at_a_pedestal_are_told() {
-        let cut = told(&SENSOR, ONE, |set| {
+    fn darks_cut_off_at_a_pedestal_are_reported() {
+        let cut = remarks(&SENSOR, ONE, |set| {
             let file = &set.captures[0].files[0];
             let frames = open(file).unwrap();
             let samples: Vec<u16> = frames.iter().flat_map(|f| f.plane().unwrap().data).collect();
@@ -233,7 +238,7 @@ mod tests {
     #[test]
     fn frames_that_occur_twice_are_refused() {
         for capture in [0, 4] {
-            let twice = told(&SENSOR, ONE, |set| {
+            let twice = remarks(&SENSOR, ONE, |set| {
                 let files = &mut set.captures[capture].files;
                 files.push(files[0].clone());
             });
@@ -242,26 +247,26 @@ mod tests {
     }
 
     #[test]
-    fn flats_of_other_lights_and_temperatures_are_told() {
-        let lights = told(&SENSOR, ONE, |set| {
+    fn flats_of_other_lights_and_temperatures_are_reported() {
+        let lights = remarks(&SENSOR, ONE, |set| {
             for (k, flat) in flats(set).enumerate() {
                 let light = flat.light.as_mut().unwrap();
                 light.wavelength_nm = Some(if k < 7 { 450.0 } else { 650.0 });
             }
         });
         both(&lights, &["analog gain 1 and 450 nm only", "3 flat captures of other gains"]);
-        let warmer = told(&SENSOR, ONE, |set| {
+        let warmer = remarks(&SENSOR, ONE, |set| {
             flats(set).skip(5).for_each(|flat| flat.temperature_c = Some(40.0));
         });
-        both(&warmer, &["temperatures lie from 25 to 40 °C"]);
+        both(&warmer, &["temperatures range from 25 to 40 °C"]);
     }
 
     #[test]
-    fn samples_above_white_and_an_impossible_efficiency_are_told() {
-        let beyond = told(&SENSOR, ONE, |set| set.sensor.white_level_dn = 2500);
+    fn samples_above_white_and_an_impossible_efficiency_are_reported() {
+        let beyond = remarks(&SENSOR, ONE, |set| set.sensor.white_level_dn = 2500);
         both(&beyond, &["above white_level_dn = 2500"]);
         // Electrons per photon: 0.5 / 0.3.
-        let dim = told(&SENSOR, ONE, |set| {
+        let dim = remarks(&SENSOR, ONE, |set| {
             for flat in flats(set) {
                 *flat.light.as_mut().unwrap().photons_per_pixel_per_s.as_mut().unwrap() *= 0.3;
             }

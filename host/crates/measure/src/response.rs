@@ -4,11 +4,11 @@
 use super::fit::Fit;
 use super::value::Value;
 
-/// Fewest levels for a quadratic: two degrees of freedom are left.
+/// Smallest number of levels for a quadratic: two degrees of freedom remain.
 const MIN_LEVELS: usize = 5;
-/// Fewest levels for a cubic: four degrees of freedom are left.
+/// Smallest number of levels for a cubic: four degrees of freedom remain.
 const MIN_LEVELS_CUBIC: usize = 8;
-/// Fall of χ² for which the cubic term is taken, in units of the scatter left: three standard
+/// Decrease of χ² for which the cubic term is used, in units of the residual scatter: three standard
 /// errors.
 const CUBIC_GAIN: f64 = 9.0;
 /// Steps of Newton's method, which doubles its digits with each: 8 suffice from any start within a

@@ -71,7 +71,7 @@ mod tests {
             }
             let exact = square / n - (sum / n).powi(2);
             let found = sigma * sigma + rounding(sigma * sigma, mean, 0.0);
-            // The squared shift of the mean and the second harmonic are left out.
+            // The squared shift of the mean and the second harmonic are neglected.
             assert!((exact - found).abs() < 4e-3, "{sigma} {mean}: {exact} {found}");
         }
     }

@@ -151,7 +151,7 @@ fn without_mean([a, b, c, d, e]: [&[f32]; 5], sums: &mut [f32], out: &mut [f32])
     }
 }
 
-/// Mean power spectrum of lines of `length` samples. `fill` writes lines from the given one on;
+/// Mean power spectrum of lines of `length` samples. `fill` writes lines from an index on;
 /// blocks of them are transformed in parallel and added in order.
 fn mean_power(
     lines: usize,
@@ -204,7 +204,7 @@ pub struct Histogram {
     pub values: u64,
 }
 
-/// Bins of the histogram at most (EMVA 1288 R4, section 8.5, asks for 256).
+/// Most bins of the histogram (EMVA 1288 R4, section 8.5, requires 256).
 const BINS: usize = 256;
 
 /// Core standard deviations from the median beyond which a value counts as an outlier: a Gaussian

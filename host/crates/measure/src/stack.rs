@@ -2,7 +2,7 @@
 //!
 //! Frames are read once, strip by strip (`strips`). For each pixel, the samples and their squares
 //! are summed as integers, so that the moments do not depend on batches or threads. Frames stored
-//! uncompressed need only the memory of the current strips, whatever the length of the stack.
+//! uncompressed need only the memory of the current strips, independent of the length of the stack.
 
 use super::codes::BitsSeen;
 use super::cut_off::CutOff;
@@ -31,9 +31,9 @@ pub struct Stack {
     pub moments: Vec<Moments>,
     /// Bits in which the samples vary.
     pub seen: BitsSeen,
-    /// Where the samples are cut off, of a dark.
+    /// Whether the samples of a dark are cut off, and where.
     pub cut_off: Option<CutOff>,
-    /// For each frame, a hash of sums: copies have the same.
+    /// For each frame, a hash of its sums, equal for copies.
     pub(super) marks: Vec<u64>,
 }
 
@@ -41,7 +41,7 @@ impl Stack {
     /// Reads all frames of `capture`, and keeps the sums of the pixels' samples.
     ///
     /// # Errors
-    /// What [`CaptureSet::for_each_batch`] refuses, and a frame smaller than the filter pattern.
+    /// Those of [`CaptureSet::for_each_batch`], and frames smaller than the filter pattern.
     pub fn read(set: &CaptureSet, capture: &Capture) -> Result<Self> {
         Self::stream(set, capture, true)
     }
@@ -58,8 +58,9 @@ impl Stack {
         let (width, height) = (set.sensor.width, set.sensor.height);
         let cfa = set.cfa();
         if width < 2 * cfa.width || height < 2 * cfa.height {
-            return Err(Error::limit(format!("frames of {width} x {height} are too small"))
-                .help("measuring needs at least two periods of the filter pattern each way"));
+            return Err(Error::limit(format!("frames of {width} x {height} are too small")).help(
+                "measuring needs at least two periods of the filter pattern in each direction",
+            ));
         }
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));
         let mut batches = Batches::new(&set.sensor, capture);

@@ -12,17 +12,16 @@ use camrig_vector::vectorised;
 /// Longer pieces are read faster from a file.
 const STRIP_PIXELS: usize = 32 * 1024;
 
-/// Frames that are added in one pass over the sums.
+/// Number of frames that are added in one pass over the sums.
 pub const TOGETHER: usize = 4;
 
 /// Largest sample for which the sum of [`TOGETHER`] squares fits 32 bits.
 pub const SMALL_SQUARES: u16 = 0x7fff;
 
-/// Pixels that loops process side by side: a multiple of every width that a filter pattern may
-/// have.
+/// Pixels that loops process in parallel: a multiple of the width of every filter pattern.
 const LANES: usize = 24;
 
-/// Samples that loops process side by side; they are narrower than sums.
+/// Samples that loops process in parallel; they are narrower than sums.
 const SAMPLE_LANES: usize = 4 * LANES;
 
 /// Rows of a strip: whole periods of the filter pattern.
@@ -71,15 +70,25 @@ fn add_frames<const N: usize, const FIRST: bool>(
 /// Sums or numbers of samples for each site of the pattern, row by row.
 pub type PerSite = Vec<f64>;
 
-/// Sums of the samples of some rows, with the smallest and the largest sample, and the bits in
-/// which samples differ from the first.
-pub fn sums(
-    samples: &[u16],
-    (width, step_x, step_y): (usize, usize, usize),
-) -> (PerSite, u16, u16, u16) {
+/// Sums of the samples of some rows.
+pub struct SiteSums {
+    /// Sum of the samples of each site.
+    pub sums: PerSite,
+    /// Smallest sample.
+    pub low: u16,
+    /// Largest sample.
+    pub high: u16,
+    /// Bits in which samples differ from the first.
+    pub varied: u16,
+}
+
+/// Sums of the samples of some rows of frames `width` wide, with a pattern of `step_x` columns and
+/// `step_y` rows.
+pub fn sums(samples: &[u16], (width, step_x, step_y): (usize, usize, usize)) -> SiteSums {
     let mut lanes = vec![[0; SAMPLE_LANES]; step_y];
     let (low, high, varied) = sum_lanes(samples, width, &mut lanes);
-    (lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect(), low, high, varied)
+    let sums = lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect();
+    SiteSums { sums, low, high, varied }
 }
 
 /// Numbers of samples of some rows that lie from `low` to `high`.
@@ -210,8 +219,8 @@ impl StripMoments {
             let of_site = rows.iter().skip(y0 * step_x + x0).step_by(step_x * step_y);
             let count = (width - x0).div_ceil(step_x) * of_site.len();
             let mean = of_site.sum::<f64>() / count.max(1) as f64;
-            let apart = mean - lanes[y0].reference[x0];
-            *square = (*square - count as f64 * apart * apart).max(0.0);
+            let shift = mean - lanes[y0].reference[x0];
+            *square = (*square - count as f64 * shift * shift).max(0.0);
             mean
         });
         Self {
@@ -264,8 +273,7 @@ fn add_row(
 mod tests {
     use super::*;
 
-    /// Against sums written down straight, on a pattern of 2 x 3 and a width that no vector
-    /// divides.
+    /// Compared with direct sums, for a pattern of 2 x 3 and a width that is not a multiple of a vector.
     #[test]
     fn moments_of_a_strip() {
         let (width, height, step_x, step_y) = (515, 7, 2, 3);
@@ -279,7 +287,7 @@ mod tests {
         add(&[&frames[2]], false, &mut sum, &mut sum_sq);
         let shape = (width, step_x, step_y);
         let m = StripMoments::of(3, shape, &sum, &sum_sq);
-        let (totals, low, high, varied) = sums(&frames[1], shape);
+        let SiteSums { sums: totals, low, high, varied } = sums(&frames[1], shape);
         let some = counts(&frames[1], shape, (100, 1000));
         for site in 0..step_x * step_y {
             let (x0, y0) = (site % step_x, site / step_x);

@@ -23,7 +23,7 @@ pub struct Sums {
     pub frames: usize,
     /// Bits in which the samples vary.
     pub seen: BitsSeen,
-    /// For each frame, a hash of what was summed: copies have the same.
+    /// For each frame, a hash of its sums, equal for copies.
     pub marks: Vec<u64>,
     /// Sums of the pixels, where they are kept beyond a batch.
     sum: Vec<u32>,
@@ -256,8 +256,8 @@ fn chunks<T>(plane: &mut [T], length: usize, count: usize) -> Vec<&mut [T]> {
     plane.chunks_mut(length).collect()
 }
 
-/// The strip's piece of a plane that is kept, else the worker's own memory, whose content is
-/// arbitrary.
+/// The strip's piece of a plane that is kept, otherwise the worker's own memory with arbitrary
+/// content.
 fn own_unless_kept<'a, T: Copy + Default>(
     kept: &'a mut [T],
     own: &'a mut Vec<T>,
@@ -272,7 +272,7 @@ fn own_unless_kept<'a, T: Copy + Default>(
 
 impl Tally {
     fn of(samples: &[u16], shape: (usize, usize, usize), white: u16) -> Self {
-        let (sums, low, high, varied) = strips::sums(samples, shape);
+        let strips::SiteSums { sums, low, high, varied } = strips::sums(samples, shape);
         let counted = |low, high| strips::counts(samples, shape, (low, high));
         Self {
             sums,
@@ -331,7 +331,7 @@ mod tests {
         let mut whole = Sums::new(2, 2, vec![site], 4095);
         whole.add(&open, &sensor, true, true).unwrap();
         let whole = whole.moments()[0];
-        // One frame at a time gives the same.
+        // The same, one frame at a time.
         let mut single = Sums::new(2, 2, vec![site], 4095);
         open.iter()
             .for_each(|f| single.add(std::slice::from_ref(f), &sensor, true, false).unwrap());
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn two_frames_give_the_standards_formula() {
+    fn two_frames_have_the_variance_of_the_standards_formula() {
         // Differences 2, -4, 1, 3: half their mean square is 3.75; means differ by 0.5.
         let m = moments(&[[10, 20, 30, 4095], [8, 24, 29, 4092]]);
         assert!((m.temporal - (3.75 - 0.125)).abs() < 1e-12, "{m:?}");

@@ -22,7 +22,7 @@ const CLEAR_VARIANCE: f64 = 5.0;
 /// Gaussian has 3 in 100,000 samples beyond.
 const CLEAR_OF_SATURATION: f64 = 4.0;
 /// Standard errors by which the variance of a level may lie below the fit to the others, or below
-/// that of the darker levels: chance takes away a good level once in 4000 fits.
+/// that of the darker levels: by chance, a good level is rejected once in 4000 fits.
 const BELOW_FIT: f64 = 3.5;
 /// Share of samples at the white level from which a level counts as saturated throughout.
 const SATURATED_THROUGHOUT: f64 = 0.5;
@@ -113,7 +113,7 @@ pub struct Transfer {
     /// Temporal variance of the dark at zero exposure, DN², as if rounding added a twelfth of the
     /// square of the codes' step.
     pub dark_variance: Value,
-    /// Whether the darks have too little noise to tell how much: `dark_variance` is that of the
+    /// Whether the noise of the darks is too small to be determined: `dark_variance` is that of the
     /// flats, carried on to no signal.
     pub dark_is_hidden: bool,
     /// Covariance of `gain` and `dark_variance`.
@@ -360,13 +360,13 @@ impl Data<'_> {
     }
 
     /// Temporal variance of a level, DN², as if rounding added the same to each; `None` where the
-    /// level has too little noise to tell.
+    /// noise of the level is too small to be determined.
     fn resolved(&self, m: &Moments) -> Option<Value> {
         let measured = Value::new(m.temporal, variance_error(m, &self.codes));
         self.codes.as_if_resolved(measured, m.mean(), m.spatial().total.value.max(0.0))
     }
 
-    /// The same; where it cannot be told, the measured variance, uncertain by that of rounding.
+    /// The same; where undetermined, the measured variance, with the uncertainty of rounding.
     fn variance(&self, m: &Moments) -> Value {
         let error = || variance_error(m, &self.codes).max(self.codes.quantisation());
         self.resolved(m).unwrap_or_else(|| Value::new(m.temporal, error()))

@@ -64,7 +64,8 @@ fn efficiency(sheet: &Datasheet) -> Plot {
     let mut plot = Plot::new("Quantum efficiency", "wavelength, nm", "electrons per photon, e⁻");
     plot.note("From flats through seven filters of 10 nm, per photon on the pixel.");
     for (c, channel) in sheet.channels.iter().enumerate() {
-        let points = sheet.efficiency.iter().map(|(nm, v)| [*nm, v[c].value]).collect();
+        let points =
+            sheet.efficiency.iter().map(|e| [e.wavelength_nm, e.channels[c].value]).collect();
         let colour = Colour::of_channel(channel);
         plot.series(&channel.to_uppercase(), Mark::LinePoints, colour, points);
     }

@@ -1,5 +1,5 @@
-//! Section VI of Chen et al. 2009 as one comparison: a model's frames beside captured ones, and an
-//! improved model's beside the same.
+//! Section VI of Chen et al. 2009 as one comparison: frames of a model and of an improved model with
+//! captured frames.
 
 use crate::paper::{
     CAPTURED, Captured, Differences, Figures, LEVELS, Level, Places, Taken, captured_camera,
@@ -8,16 +8,16 @@ use crate::paper::{
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 
-/// What is compared.
+/// The inputs of a comparison.
 #[derive(Default)]
 pub struct Sides {
-    /// Frames of the camera itself; the model with the causes that the paper names, as another
-    /// physical sensor, unless given ([`captured_camera`]).
+    /// Captured frames; by default those of the model with the causes that the paper states, as
+    /// another physical sensor ([`captured_camera`]).
     pub captured: Option<Captured>,
-    /// A better model. Without captured frames of one's own it is the model with the paper's
-    /// causes ([`with_causes`]) unless given.
+    /// An improved model; without captured frames, by default the model with the paper's causes
+    /// ([`with_causes`]).
     pub improved: Option<Camera>,
-    /// Where chart and edge lie in the captured frames.
+    /// Positions of chart and edge in the captured frames.
     pub places: Places,
 }
 
@@ -25,7 +25,7 @@ pub struct Sides {
 pub struct Measured {
     /// The frames.
     pub taken: Taken,
-    /// What they measure.
+    /// Their figures.
     pub figures: Figures,
 }
 
@@ -45,31 +45,31 @@ pub struct Comparison {
     pub model: Measured,
     /// The improved model, if there is one.
     pub improved: Option<Measured>,
-    /// Captured less model.
+    /// Captured minus model.
     pub before: Differences,
-    /// Captured less improved model.
+    /// Captured minus improved model.
     pub after: Option<Differences>,
     /// The camera file with the causes of the differences, as text.
     pub causes: String,
-    stands_in: bool,
+    is_substitute: bool,
 }
 
 impl Comparison {
-    /// Takes and measures the frames of `model` and of the other sides. `progress` hears of
-    /// cameras done and cameras in all.
+    /// Simulates and measures the frames of `model` and of the other sides. `progress` is called with
+    /// the number of cameras done and of all cameras.
     ///
     /// # Errors
     /// A capture set without the captures of the paper, frames of another size or colour filter
-    /// pattern, a chart or an edge that is not where it should be, and what rendering refuses.
+    /// pattern, a chart or an edge at another position, and those of rendering.
     pub fn of(
         model: &Camera,
         sides: Sides,
         mut progress: impl FnMut(usize, usize),
     ) -> Result<Self> {
         let Sides { captured, improved, places } = sides;
-        let stands_in = captured.is_none() && improved.is_none();
+        let is_substitute = captured.is_none() && improved.is_none();
         let improved = match improved {
-            None if stands_in => Some(with_causes(model)?),
+            None if is_substitute => Some(with_causes(model)?),
             given => given,
         };
         let captured = match captured {
@@ -92,7 +92,7 @@ impl Comparison {
             done += 1;
             progress(done, all);
         })?;
-        // One for each camera, in their order.
+        // One for each camera, in order.
         let mut taken = taken.into_iter();
         let nothing = || Error::internal("a camera took no frames");
         let modelled = taken.next().ok_or_else(nothing)?;
@@ -105,12 +105,12 @@ impl Comparison {
             comparable(&simulated.chart, &captured.chart)?;
         }
         let captured = Measured::of(captured, &places).map_err(|e| e.at("captured"))?;
-        // The places given are those of the captured frames; simulated ones have their own.
+        // The given positions are those of the captured frames; simulated ones have the built-in ones.
         let model_side = Measured::of(modelled, &Places::default()).map_err(|e| e.at("model"))?;
         let better = better.map(|t| Measured::of(t, &Places::default())).transpose()?;
         let before = captured.figures.against(&model_side.figures)?;
         let after = better.as_ref().map(|b| captured.figures.against(&b.figures)).transpose()?;
-        let causes = match (stands_in, improved) {
+        let causes = match (is_substitute, improved) {
             (true, _) => CAPTURED.to_owned(),
             (false, improved) => improved.map_or_else(|| model.text.clone(), |c| c.text),
         };
@@ -122,23 +122,23 @@ impl Comparison {
             before,
             after,
             causes,
-            stands_in,
+            is_substitute,
         })
     }
 
-    /// What a user should know of the scenes, their light, and the lenses and tables of the sides.
+    /// Notes on the scenes, their light, and the lenses and tables of the sides.
     pub fn notes(&self) -> impl Iterator<Item = &String> {
         let sides = [Some(&self.model), self.improved.as_ref(), Some(&self.captured)];
         sides.into_iter().flatten().flat_map(|side| &side.taken.notes)
     }
 
-    /// Whether the comparison says what it should: with the stand-in of the paper's module, that
-    /// the differences have the sizes that the paper reports and go with their causes; with
-    /// captured frames or a better model of one's own, that none is left.
+    /// Whether the comparison succeeds: with the substitute for the paper's module, if the differences
+    /// have the sizes that the paper reports and vanish with their causes; with captured frames or an
+    /// improved model, if no difference remains.
     #[must_use]
     pub fn holds(&self) -> bool {
         match &self.after {
-            Some(after) if self.stands_in => self.before.as_reported() && after.vanish(),
+            Some(after) if self.is_substitute => self.before.as_reported() && after.vanish(),
             Some(after) => after.vanish(),
             None => self.before.vanish(),
         }

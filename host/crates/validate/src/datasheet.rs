@@ -1,5 +1,5 @@
-//! What a data sheet of a camera says, measured on simulated captures as one would on real ones:
-//! EMVA 1288, quantum efficiency through narrow-band filters, MTF, positional crosstalk.
+//! The figures of a camera's data sheet, measured on simulated captures like on real ones: EMVA 1288,
+//! quantum efficiency through narrow-band filters, MTF, positional crosstalk.
 
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
@@ -20,14 +20,22 @@ pub struct Datasheet {
     pub emva: emva::Checked,
     /// Channel letters of [`Datasheet::efficiency`], lower case.
     pub channels: Vec<String>,
-    /// Wavelength, nm, and electrons per photon of each channel.
-    pub efficiency: Vec<(f64, Vec<Value>)>,
+    /// Quantum efficiency by wavelength.
+    pub efficiency: Vec<Efficiency>,
     /// Edge in the middle of the image, per channel.
     pub edges: Vec<Edge>,
     /// The table of factors, where the camera has any positional crosstalk.
     pub crosstalk: Option<Crosstalk>,
-    /// What a user should know of the light of the edge, the lens and the camera's tables.
+    /// Notes on the light of the edge, the lens and the camera's tables.
     pub notes: Vec<String>,
+}
+
+/// Quantum efficiency at a wavelength.
+pub struct Efficiency {
+    /// Wavelength, nm.
+    pub wavelength_nm: f64,
+    /// Electrons per photon of each channel.
+    pub channels: Vec<Value>,
 }
 
 /// Columns and rows of the frame with the edge, and of the region measured. Long along the edge
@@ -35,20 +43,20 @@ pub struct Datasheet {
 const EDGE_FRAME: (u32, u32) = (96, 320);
 const EDGE_REGION: (usize, usize) = (64, 288);
 
-/// Illuminance of the edge, lx; the exposure is searched for, so it only sets where the search
-/// starts.
+/// Illuminance of the edge, lx; the exposure is adapted, so this only sets the start of the search.
 const EDGE_LUX: f64 = 300.0;
 
-/// Where the search for the edge's exposure starts and ends, s.
+/// Range of the search for the edge's exposure, s.
 const FIRST_EXPOSURE_S: f64 = 1e-3;
-const LONGEST_EXPOSURE_S: f64 = 10.0;
-/// Signal of the edge's bright side as a fraction of the range: half, and what is near enough to
-/// it. Noise falls with light, and nothing saturates.
+const MAX_EXPOSURE_S: f64 = 10.0;
+/// Target for the signal of the edge's bright side as a fraction of the range, and the smallest that
+/// is accepted: noise decreases with light, and nothing saturates.
 const FILL: f64 = 0.5;
 const MIN_FILL: f64 = 0.3;
-/// Least and largest factor between two exposures of the search: it must go on where the signal is
-/// that of rounding, and must not overshoot where a dark frame says next to nothing.
-const STEP: (f64, f64) = (1.5, 20.0);
+/// Smallest and largest ratio of successive exposures of the search: it must proceed where the signal
+/// is hidden by rounding, and must not overshoot where a dark frame is uninformative.
+const MIN_STEP: f64 = 1.5;
+const MAX_STEP: f64 = 20.0;
 
 /// Frames per point of the crosstalk bench.
 const BENCH_FRAMES: u32 = 16;
@@ -111,9 +119,9 @@ fn filters() -> String {
     text
 }
 
-/// Electrons per photon: signal above dark over K and photons; K is that of the small-signal
-/// photon transfer.
-fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Value>)>> {
+/// Electrons per photon: signal above dark over K and photons, with the K of the small-signal photon
+/// transfer.
+fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<Efficiency>> {
     let level = |c| Ok::<_, Error>(Level::new(set, c, &Stack::read_moments(set, c)?));
     let none = || Error::input("no dark captures");
     let dark = level(set.with_role(Role::Dark).next().ok_or_else(none)?)?;
@@ -134,14 +142,14 @@ fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<(f64, Vec<Va
             );
             signal.over(gain).scaled(1.0 / photons)
         };
-        let values = emva.channels.iter().enumerate().map(of).collect();
-        out.push((light.wavelength_nm.unwrap_or(0.0), values));
+        let channels = emva.channels.iter().enumerate().map(of).collect();
+        out.push(Efficiency { wavelength_nm: light.wavelength_nm.unwrap_or(0.0), channels });
     }
     Ok(out)
 }
 
 /// The edge under D65 in the middle of the image, every channel, exposed to half of saturation; and
-/// what a user should know of it.
+/// notes on it.
 fn edges(camera: &Camera) -> Result<(Vec<Edge>, Vec<String>)> {
     let camera = cropped(camera, EDGE_FRAME);
     let light = SceneLight::lux("D65", EDGE_LUX);
@@ -161,10 +169,10 @@ fn edges(camera: &Camera) -> Result<(Vec<Edge>, Vec<String>)> {
         sorted.sort_unstable();
         let bright = f64::from(sorted[sorted.len() * 99 / 100]) - frame.black_level_dn;
         let range = f64::from(frame.white_level_dn) - frame.black_level_dn;
-        if bright > MIN_FILL * range || seconds > LONGEST_EXPOSURE_S {
+        if bright > MIN_FILL * range || seconds > MAX_EXPOSURE_S {
             break frame;
         }
-        seconds *= (FILL * range / bright.max(1.0)).clamp(STEP.0, STEP.1);
+        seconds *= (FILL * range / bright.max(1.0)).clamp(MIN_STEP, MAX_STEP);
     };
     let (width, height) = (EDGE_REGION.0.min(frame.width), EDGE_REGION.1.min(frame.height));
     let (x, y) = ((frame.width - width) / 2, (frame.height - height) / 2);
@@ -184,14 +192,14 @@ fn edges(camera: &Camera) -> Result<(Vec<Edge>, Vec<String>)> {
 mod tests {
     use super::*;
 
-    /// The sheet says what the camera file says.
+    /// The sheet agrees with the camera file.
     #[test]
     fn a_sheet_of_a_preset() {
         let camera = Camera::load("mt9v024").unwrap();
         let sheet = Datasheet::measure(&camera, (128, 96)).unwrap();
         assert_eq!(sheet.channels, ["r", "g", "b"]);
-        for (nm, values) in &sheet.efficiency {
-            for (value, curve) in values.iter().zip(&camera.sensor.qe) {
+        for Efficiency { wavelength_nm: nm, channels } in &sheet.efficiency {
+            for (value, curve) in channels.iter().zip(&camera.sensor.qe) {
                 // Per photon on the whole pixel, in a band of 10 nm taken at its centre.
                 let filter = camera.sensor.ir_cut.as_ref().map_or(1.0, |f| f.at(*nm));
                 let truth = curve.at(*nm) * filter * camera.sensor.fill_factor;

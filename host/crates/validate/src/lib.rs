@@ -1,9 +1,10 @@
-//! A model's frames measured as real ones are: beside captured ones, and for its data sheet.
+//! Validates a camera model: its simulated frames are measured like real ones, compared with captured
+//! frames, and described by a data sheet.
 //!
 //! - [`paper`] has the scenes, light levels (lx), exposures (s) and figures of section VI of Chen
 //!   et al. 2009: MTF (cycles per pixel), standard deviation of the luminance per ColorChecker
 //!   patch (DN), green along a row (DN), defects per million pixels.
-//! - [`comparison`] puts a model, captured frames and an improved model side by side in them.
+//! - [`comparison`] compares a model, captured frames and an improved model in these figures.
 //! - [`datasheet`] measures a camera file as a laboratory measures a camera: EMVA 1288 (electrons,
 //!   DN, per cent), quantum efficiency (electrons per photon), MTF, positional crosstalk.
 //!

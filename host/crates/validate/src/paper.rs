@@ -1,11 +1,11 @@
-//! Section VI of Chen et al. 2009, repeated: D65 at 300 lx and 10 lx; system MTF, standard
+//! Reproduces section VI of Chen et al. 2009: D65 at 300 lx and 10 lx; system MTF, standard
 //! deviation of the luminance per ColorChecker patch (Table I), the green channel along row 510,
 //! defects.
 //!
-//! The captured side is a capture set, or a perturbed camera that stands for the real module
-//! ([`captured_camera`]): another physical sensor with the four causes that the paper names. The
-//! paper left them as differences; [`Figures::against`] shows them, and that they go once the
-//! model has the causes.
+//! The captured side is a capture set, or a modified camera in place of the real module
+//! ([`captured_camera`]): another physical sensor with the four causes that the paper states. The
+//! paper reports their differences without modelling them; [`Figures::against`] shows that they
+//! vanish once the model has the causes.
 
 use camrig_base::Cfa;
 use camrig_base::{Error, ErrorCode, Plane, RawFrame, Result};
@@ -20,7 +20,7 @@ use camrig_render::{self as render, Arithmetic, SceneIrradiance, SceneLight, Sim
 use serde::Serialize;
 use std::path::Path;
 
-/// One light level and how frames are taken there.
+/// A light level, with exposure and gain.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Level {
     /// Scene illuminance, lx.
@@ -31,8 +31,8 @@ pub struct Level {
     pub analog_gain: f64,
 }
 
-/// The paper's two levels, bright and dim; it does not say exposures and gains. These keep the
-/// white patch below saturation, at 10 lx as long and with as much gain as phones of its time did.
+/// The paper's two levels, bright and dim. It does not state exposures and gains: these keep the white
+/// patch below saturation, and at 10 lx are typical of phones of its time.
 pub const LEVELS: [Level; 2] = [
     Level { lux: 300.0, exposure_s: 0.040, analog_gain: 1.0 },
     Level { lux: 10.0, exposure_s: 0.200, analog_gain: 4.0 },
@@ -41,7 +41,7 @@ pub const LEVELS: [Level; 2] = [
 /// Frames pooled per light level.
 pub const FRAMES: u32 = 4;
 
-/// Number of the frame that takes the edge: behind those of the chart.
+/// Number of the frame of the edge: after those of the chart.
 const EDGE_FRAME: u32 = 100;
 
 /// The paper's row, of 1536.
@@ -50,8 +50,7 @@ const ROW: (usize, usize) = (510, 1536);
 /// Card of the built-in chart, sensor widths.
 const CARD_WIDTH: f64 = 0.8;
 
-/// Robust standard deviations beyond which a pixel of a patch is a defect. One of 5e8 Gaussian
-/// values is.
+/// Robust standard deviations above which a pixel of a patch is a defect: one of 5e8 Gaussian values.
 const DEFECT_SIGMAS: f64 = 6.0;
 
 /// The built-in differences between the model and the module.
@@ -60,7 +59,7 @@ pub const CAPTURED: &str = include_str!("captured.toml");
 /// The model with the causes of [`CAPTURED`].
 ///
 /// # Errors
-/// A model with so many effects that these do not fit in.
+/// A model that already has too many effects.
 pub fn with_causes(model: &Camera) -> Result<Camera> {
     let causes: toml::Table =
         toml::from_str(CAPTURED).map_err(|e| Error::internal(format!("captured.toml: {e}")))?;
@@ -77,7 +76,7 @@ pub fn with_causes(model: &Camera) -> Result<Camera> {
     Ok(camera)
 }
 
-/// The module that stands for the real one: the model with the causes, in another physical sensor.
+/// A substitute for the real module: the model with the causes, in another physical sensor.
 ///
 /// # Errors
 /// Those of [`with_causes`].
@@ -93,12 +92,12 @@ pub struct Taken {
     pub chart: [Vec<RawFrame>; 2],
     /// The slanted edge at the bright level.
     pub edge: RawFrame,
-    /// What a user should know of scenes, light, lens and tables of a simulated camera.
+    /// Notes on scenes, light, lens and tables of a simulated camera.
     pub notes: Vec<String>,
 }
 
-/// Takes the frames with simulated cameras. Those that give the same irradiance share the optics
-/// stage. `progress` hears of every camera done.
+/// Simulates the frames of cameras. Cameras with the same irradiance share the optics stage. `progress`
+/// is called after each camera.
 ///
 /// # Errors
 /// Those of rendering.
@@ -123,7 +122,7 @@ pub fn take(
     Ok(out.into_iter().flatten().collect())
 }
 
-/// Whether two cameras give the same irradiance.
+/// Whether two cameras have the same irradiance.
 fn share_optics(a: &Camera, b: &Camera) -> bool {
     let lens = |c: &Camera| format!("{:?} {:?}", c.lens, render::sensor_grid(c));
     a.optical_effects == b.optical_effects && lens(a) == lens(b)
@@ -148,7 +147,7 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
         charts.push([stack(bright, 0)?, stack(dim, FRAMES)?]);
     }
     drop(cube);
-    // The middle of the sensor is all that the edge needs.
+    // The edge needs only the middle of the sensor.
     let middle = |camera: &Camera| {
         let mut middle = camera.clone();
         middle.sensor.width = camera.sensor.width.div_ceil(4);
@@ -168,20 +167,20 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
     cameras.iter().zip(charts).map(with_edge).collect()
 }
 
-/// What falls on the sensor when the camera looks at a scene under D65, W m⁻² nm⁻¹.
+/// Irradiance on the sensor from a scene under D65, W m⁻² nm⁻¹.
 fn under_d65(camera: &Camera, scene: &str, lux: f64) -> Result<SceneIrradiance> {
     let light = SceneLight::lux("D65", lux);
     scene_irradiance(camera, scene, &light, &Options::default(), |_, _| ())
 }
 
-/// The frames of a capture set, and how they were taken: the first edge, and the charts of most
-/// and of least light.
+/// The frames of a capture set and their light levels: the first edge, and the charts with most and
+/// with least light.
 ///
 /// # Errors
 /// A set without an edge, or without charts at two light levels (lx) and a black level.
 pub fn of_captures(set: &CaptureSet) -> Result<(Taken, [Level; 2])> {
     let black = set.sensor.black_level_dn.ok_or_else(|| {
-        Error::input("the set names no black_level_dn").at("[sensor]").help("add black_level_dn")
+        Error::input("the set has no black_level_dn").at("[sensor]").help("add black_level_dn")
     })?;
     let frames = |capture| -> Result<Vec<RawFrame>> {
         let mut out = Vec::new();
@@ -209,7 +208,7 @@ pub fn of_captures(set: &CaptureSet) -> Result<(Taken, [Level; 2])> {
     charts.sort_by(|a, b| lux(b).partial_cmp(&lux(a)).unwrap_or(std::cmp::Ordering::Equal));
     let [bright, .., dim] = charts[..] else {
         return Err(Error::input("fewer than two chart captures with lux")
-            .help("the validation looks at a ColorChecker at 300 lx and at 10 lx"));
+            .help("the validation needs a ColorChecker at 300 lx and at 10 lx"));
     };
     let level = |c: &camrig_captures::Capture| Level {
         lux: lux(&c).unwrap_or(LEVELS[0].lux),
@@ -221,7 +220,7 @@ pub fn of_captures(set: &CaptureSet) -> Result<(Taken, [Level; 2])> {
     Ok((taken, [level(bright), level(dim)]))
 }
 
-/// Where to look in captured frames; the built-in scenes' places unless given.
+/// Positions in captured frames; by default those of the built-in scenes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Places {
     /// Centres of the chart's corner patches.
@@ -252,8 +251,8 @@ pub struct Figures {
     pub profile: Profile,
     /// The row.
     pub row: usize,
-    /// Pixels of the patches at the dim level that stand out by more than six standard deviations,
-    /// per million.
+    /// Pixels of the patches at the dim level that deviate by more than six standard deviations, per
+    /// million.
     pub defects_per_million: f64,
 }
 
@@ -261,7 +260,7 @@ impl Figures {
     /// Measures the frames.
     ///
     /// # Errors
-    /// A chart or edge that is not where it should be, saturated patches, a pattern without green.
+    /// A chart or edge at another position, saturated patches, a pattern without green.
     pub fn of(taken: &Taken, places: &Places) -> Result<Self> {
         let first =
             taken.chart[0].first().ok_or_else(|| Error::input("a chart without frames"))?;
@@ -284,7 +283,7 @@ impl Figures {
                 .map_err(|e| e.at(["bright chart", "dim chart"][level]))
         });
         let [bright, dim] = table;
-        // The same place as in the paper's frames, on a row that has green.
+        // The paper's relative position, on a row with green.
         let row = ROW.0 * height / ROW.1;
         let row = (row..height).find(|&y| (0..cfa.width).any(|x| cfa.letter(x, y) == green));
         let row = row.unwrap_or(0);
@@ -303,7 +302,7 @@ impl Figures {
         })
     }
 
-    /// How captured figures (`self`) differ from a model's.
+    /// Differences of captured figures (`self`) from a model's.
     ///
     /// # Errors
     /// Frames of another size or pattern.
@@ -337,7 +336,7 @@ fn plane(frame: &RawFrame) -> Plane<u16> {
     Plane { width: frame.width, height: frame.height, data: frame.data.clone() }
 }
 
-/// Patches over the frames of one light: means of the means and of the variances.
+/// Patches averaged over the frames of one light: means and variances.
 fn pooled(frames: &[RawFrame], corners: &Corners) -> Result<Vec<PatchNoise>> {
     let mut sums = vec![[0.0f64; 2]; patches::COUNT];
     for frame in frames {
@@ -389,16 +388,16 @@ impl Scatter {
     }
 }
 
-/// Captured less model: the paper's four differences.
+/// Captured minus model: the paper's four differences.
 #[derive(Clone, Debug, Serialize)]
 pub struct Differences {
-    /// MTF50 of the captured edge against the model's, per cent.
+    /// Relative difference of MTF50, per cent.
     pub mtf50_percent: f64,
-    /// MTF at the Nyquist frequency, where the samples show it: model, captured.
+    /// MTF at the Nyquist frequency, where the samples determine it: model, captured.
     pub mtf_at_nyquist: [Option<f64>; 2],
     /// Standard deviation of the luminance at the bright and the dim level.
     pub luminance_std: [Scatter; 2],
-    /// Luminance of all patches at the bright level, captured over model.
+    /// Ratio of the luminance of all patches at the bright level, captured to model.
     pub brightness_ratio: f64,
     /// Correlation of the two rows.
     pub profile_correlation: f64,
@@ -410,17 +409,17 @@ pub struct Differences {
     pub defects_per_million: [f64; 2],
 }
 
-/// The sizes that the paper reports for Table I, per cent.
+/// The differences that the paper reports for Table I, per cent.
 pub const REPORTED: Scatter = Scatter { all_percent: 8.0, without_dark_percent: 5.0 };
 
-/// How far Table I may lie from [`REPORTED`], per cent: half a per cent of rounding in the paper's
+/// Largest deviation of Table I from [`REPORTED`], per cent: half a per cent of rounding in the paper's
 /// figures, and 1 % by which two sensors of one kind differ on average.
 const REPORTED_TOLERANCE_PERCENT: f64 = 0.5 + 1.0;
 
-/// Differences that are no more than noise and the luck of another sensor of the same kind. Each
-/// lies well below the difference that its cause in `captured.toml` makes and above what the same
-/// model with another seed gives; the test of this module has both.
-mod none_left {
+/// Largest differences that are due to noise and to the spread between sensors of the same kind. Each
+/// is well below the difference due to its cause in `captured.toml` and above that of the same model
+/// with another seed; the test of this module has both.
+mod no_difference {
     /// MTF50 of the edge, per cent.
     pub const MTF50_PERCENT: f64 = 2.0;
     /// Standard deviation of the luminance, mean over the patches, per cent.
@@ -434,36 +433,40 @@ mod none_left {
 }
 
 impl Differences {
-    /// Whether Table I differs by what the paper reports, within 1.5 %.
+    /// Whether Table I differs as the paper reports, within 1.5 %.
     pub fn as_reported(&self) -> bool {
         let found = self.luminance_std[1];
-        let near = |found: f64, said: f64| (found - said).abs() < REPORTED_TOLERANCE_PERCENT;
+        let near =
+            |found: f64, reported: f64| (found - reported).abs() < REPORTED_TOLERANCE_PERCENT;
         near(found.all_percent, REPORTED.all_percent)
             && near(found.without_dark_percent, REPORTED.without_dark_percent)
     }
 
-    /// Whether nothing is left but noise and the luck of another sensor of the same kind: MTF50
-    /// and brightness to 2 %, Table I to 4 %, displacement to half a pixel, defects to a fifth.
+    /// Whether only noise and the spread between sensors of the same kind remain: MTF50 and brightness
+    /// to 2 %, Table I to 4 %, displacement to half a pixel, defects to a fifth.
     pub fn vanish(&self) -> bool {
         let [model, captured] = self.defects_per_million;
-        self.mtf50_percent.abs() < none_left::MTF50_PERCENT
-            && self.luminance_std.iter().all(|s| s.all_percent < none_left::LUMINANCE_STD_PERCENT)
-            && (self.brightness_ratio - 1.0).abs() < none_left::BRIGHTNESS
-            && self.displacement_at_edge_px.abs() < none_left::DISPLACEMENT_PX
-            && (captured - model).abs() <= none_left::DEFECTS * captured.max(model)
+        self.mtf50_percent.abs() < no_difference::MTF50_PERCENT
+            && self
+                .luminance_std
+                .iter()
+                .all(|s| s.all_percent < no_difference::LUMINANCE_STD_PERCENT)
+            && (self.brightness_ratio - 1.0).abs() < no_difference::BRIGHTNESS
+            && self.displacement_at_edge_px.abs() < no_difference::DISPLACEMENT_PX
+            && (captured - model).abs() <= no_difference::DEFECTS * captured.max(model)
     }
 }
 
-/// The captured side that a person names: a capture set's directory, or a camera file.
+/// The captured side: a capture set or a camera.
 pub enum Captured {
-    /// Frames from outside.
+    /// Captured frames.
     Set(Box<CaptureSet>),
-    /// A camera that stands for them.
+    /// A camera that is simulated in their place.
     Camera(Box<Camera>),
 }
 
 impl Captured {
-    /// Opens what `spec` names.
+    /// Opens a capture set's directory or manifest, or a camera file.
     ///
     /// # Errors
     /// Neither a capture set nor a camera.
@@ -500,11 +503,11 @@ pub fn comparable(model: &[Vec<RawFrame>; 2], captured: &[Vec<RawFrame>; 2]) -> 
 mod tests {
     use super::*;
 
-    /// The demonstration itself, on a seventh of the pixels with the tolerances of the sampling:
-    /// Table I has 560 samples per patch and frame, so a patch scatters by 3 % and their mean
-    /// absolute difference by 2 %.
+    /// The demonstration on a seventh of the pixels, with the tolerances of the sampling: Table I has
+    /// 560 samples per patch and frame, so a patch scatters by 3 % and the mean absolute difference by
+    /// 2 %.
     #[test]
-    fn the_four_differences_show_and_go() {
+    fn the_four_differences_appear_and_vanish() {
         let mut model = Camera::load("mt9t012").unwrap();
         (model.sensor.width, model.sensor.height) = (768, 576);
         let truth = captured_camera(&model).unwrap();

@@ -1,27 +1,27 @@
-//! One file of frames: what it says, and the levels of its first frame.
+//! A file of frames: its metadata, and the levels of its first frame.
 
-use super::beside::Beside;
+use super::sidecar::Sidecar;
 use crate::frames::open_with_facts;
 use camrig_base::{Plane, Result};
 use camrig_formats::Facts;
 use std::path::{Path, PathBuf};
 
-/// Blocks of the grid over which levels are taken, each way.
+/// Number of blocks along each side of the grid of levels.
 const BLOCKS: usize = 16;
 
-/// What is seen of a file.
+/// A file of frames.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct FrameFile {
     /// Its name within the folder.
     pub name: PathBuf,
     /// Columns and rows.
     pub size: (usize, usize),
     /// Number of frames.
     pub frames: usize,
-    /// What it says.
+    /// Its metadata.
     pub facts: Facts,
-    /// What the metadata beside it say.
-    pub beside: Beside,
+    /// The metadata of its sidecar file.
+    pub sidecar: Sidecar,
     /// Levels of its first frame.
     pub levels: Levels,
 }
@@ -33,18 +33,18 @@ pub struct Levels {
     pub mean: f64,
     /// Largest sample.
     pub largest: u16,
-    /// Means over the four places in 2 x 2 pixels.
+    /// Means over the four positions in 2 x 2 pixels.
     pub cells: [f64; 4],
     /// Means over a grid of blocks.
     pub blocks: Vec<f64>,
 }
 
-impl Seen {
-    /// Looks at the file `name` in `folder`.
+impl FrameFile {
+    /// Reads the file `name` in `folder`.
     ///
     /// # Errors
-    /// What is no file of raw frames.
-    pub fn of(folder: &Path, name: &Path) -> Result<Self> {
+    /// Files without raw frames.
+    pub fn read(folder: &Path, name: &Path) -> Result<Self> {
         let path = folder.join(name);
         let (frames, facts) = open_with_facts(&path)?;
         let plane = frames[0].plane()?;
@@ -53,7 +53,7 @@ impl Seen {
             size: (plane.width, plane.height),
             frames: frames.len(),
             facts,
-            beside: Beside::of(&path),
+            sidecar: Sidecar::read(&path),
             levels: Levels::of(&plane),
         })
     }

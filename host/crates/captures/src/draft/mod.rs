@@ -1,31 +1,31 @@
-//! A manifest from the frames of a folder: which files are one stack, and what each stack is, from
-//! what the files say, what lies beside them, their names and their levels.
+//! Drafts a manifest from the frames of a folder: groups files into stacks and finds the conditions of
+//! each from metadata, names and levels.
 //!
-//! Nothing is made up. Behind each value of [`Draft::text`] stands where it comes from, and
-//! [`UNKNOWN`](super::manifest::UNKNOWN) stands where nothing tells a value that a manifest needs.
+//! Nothing is invented. [`Draft::text`] states the source of each value in a comment, and has
+//! [`UNKNOWN`](super::manifest::UNKNOWN) for required values without a source.
 //!
-//! - Exposure, gain, temperature and levels: the file's own fields ([`camrig_formats::Taken`]),
-//!   then the metadata beside it (`NAME.json` as libcamera's programs write it), then what the
-//!   caller knows, then, of exposures alone, the name (`dark-010ms`).
-//! - Role: the file's own word (IMAGETYP of FITS), then the name, then the levels of its first
-//!   frame over a grid of blocks.
-//! - A stack: frames of one folder whose names differ by a number alone, of one role, exposure,
+//! - Exposure, gain, temperature and levels: from the file's own fields ([`camrig_formats::Taken`]),
+//!   otherwise from its sidecar file (`NAME.json` as written by libcamera's programs), otherwise from
+//!   the caller, otherwise, for exposures, from the name (`dark-010ms`).
+//! - Role: from the file's own fields (IMAGETYP of FITS), otherwise from the name, otherwise from the
+//!   levels of its first frame over a grid of blocks.
+//! - A stack: frames of one folder whose names differ only by a number, with the same role, exposure,
 //!   gain and level. A file of several frames is a stack.
 
-mod beside;
 mod file;
 mod names;
 mod sensor;
+mod sidecar;
 mod stacks;
 mod text;
 
 use camrig_base::{Cfa, Error, Result};
 use camrig_formats::Said;
-use file::Seen;
+use file::FrameFile;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// What the caller knows of frames whose files do not say it.
+/// Values provided by the caller for frames whose files lack them.
 #[derive(Clone, Debug, Default)]
 pub struct Known {
     /// Exposure time of all stacks, s.
@@ -46,57 +46,67 @@ pub struct Known {
     pub pitch_um: Option<f64>,
 }
 
-/// A manifest to be, with where its values come from.
+/// A drafted manifest, with the sources of its values.
 #[derive(Clone, Debug)]
 pub struct Draft {
     sensor: sensor::Sensor,
     stacks: Vec<stacks::Stack>,
-    /// Files that are no frames of the set, each with the reason.
-    pub left_out: Vec<(PathBuf, String)>,
-    /// What a person should look at.
+    /// Files that are not frames of the set.
+    pub skipped: Vec<SkippedFile>,
+    /// Remarks that a person should check.
     pub notes: Vec<String>,
 }
 
-/// Deepest folder below the set that is looked into.
-const DEEPEST: usize = 8;
-/// Endings of files that go with frames and are none.
-const BESIDE: [&str; 12] =
+/// A file that is not used.
+#[derive(Clone, Debug)]
+pub struct SkippedFile {
+    /// Its name within the folder.
+    pub name: PathBuf,
+    /// Why.
+    pub reason: String,
+}
+
+/// Most levels of folders below the set that are searched.
+const MAX_DEPTH: usize = 8;
+/// Extensions of files that accompany frames.
+const SIDECARS: [&str; 12] =
     ["toml", "json", "txt", "md", "csv", "html", "htm", "pdf", "xml", "yaml", "yml", "log"];
 
 impl Draft {
-    /// Looks at every file in `folder` and below. `each` is called once for each file.
+    /// Drafts a manifest from every file in `folder` and below. `progress` is called after each file
+    /// with the number of all files.
     ///
     /// # Errors
     /// A folder that cannot be read or has no frames, frames of several sizes.
-    pub fn of(folder: &Path, known: &Known, each: &(dyn Fn(usize) + Sync)) -> Result<Self> {
+    pub fn of(folder: &Path, known: &Known, progress: &(dyn Fn(usize) + Sync)) -> Result<Self> {
         let mut files = Vec::new();
         list(folder, Path::new(""), 0, &mut files)?;
-        let look = |name: &PathBuf| {
-            let seen = Seen::of(folder, name);
-            each(files.len());
-            (name.clone(), seen)
+        let read = |name: &PathBuf| {
+            let file = FrameFile::read(folder, name);
+            progress(files.len());
+            (name.clone(), file)
         };
-        let looked: Vec<_> = files.par_iter().map(look).collect();
-        let (mut seen, mut left_out) = (Vec::new(), Vec::new());
-        for (name, result) in looked {
+        let read: Vec<_> = files.par_iter().map(read).collect();
+        let (mut frames, mut skipped) = (Vec::new(), Vec::new());
+        for (name, result) in read {
             match result {
-                Ok(one) => seen.push(one),
-                Err(e) => left_out.push((name, e.what().to_string())),
+                Ok(file) => frames.push(file),
+                Err(e) => skipped.push(SkippedFile { name, reason: e.what().to_string() }),
             }
         }
-        if seen.is_empty() {
-            let read = left_out.iter().map(|(name, why)| format!("\n  {}: {why}", name.display()));
-            let read: String = read.collect();
-            return Err(Error::input(format!("no frames in {}{read}", folder.display())).help(
+        if frames.is_empty() {
+            let line = |s: &SkippedFile| format!("\n  {}: {}", s.name.display(), s.reason);
+            let list: String = skipped.iter().map(line).collect();
+            return Err(Error::input(format!("no frames in {}{list}", folder.display())).help(
                 "put raw frames there: DNG, TIFF, FITS, NPY, PGM, grey PNG, CSI-2, MCAP, or \
                  headerless pixels named like NAME_640x480_SGRBG10P.raw",
             ));
         }
-        of_one_size(&seen)?;
-        let stacks = stacks::of(&seen, known, &files);
-        let sensor = sensor::Sensor::of(&seen, &stacks, known);
-        let notes = notes(&seen, &stacks);
-        Ok(Self { sensor, stacks, left_out, notes })
+        check_sizes(&frames)?;
+        let stacks = stacks::of(&frames, known, &files);
+        let sensor = sensor::Sensor::of(&frames, &stacks, known);
+        let notes = notes(&frames, &stacks);
+        Ok(Self { sensor, stacks, skipped, notes })
     }
 
     /// Number of stacks and of frames in them.
@@ -110,7 +120,7 @@ impl Draft {
     }
 }
 
-/// A value of the manifest with what it is based on; without a value, why not.
+/// A value of the manifest with its source; without a value, the reason.
 #[derive(Clone, Debug, PartialEq)]
 struct Based<T> {
     value: Option<T>,
@@ -144,7 +154,7 @@ impl<T> From<Said<T>> for Based<T> {
     }
 }
 
-/// Names of the files below `folder`, relative to it, in natural order. Hidden ones do not count.
+/// Lists the files below `folder`, relative to it, in natural order, without hidden ones.
 fn list(folder: &Path, inside: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<()> {
     let place = folder.join(inside);
     let failed = |e| Error::io("read", &place, e).help("give the folder of the frames");
@@ -156,41 +166,41 @@ fn list(folder: &Path, inside: &Path, depth: usize, files: &mut Vec<PathBuf>) ->
         let path = inside.join(name);
         let whole = folder.join(&path);
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-        if whole.is_dir() && depth < DEEPEST {
+        if whole.is_dir() && depth < MAX_DEPTH {
             list(folder, &path, depth + 1, files)?;
-        } else if whole.is_file() && !ending.is_some_and(|e| BESIDE.contains(&&e[..])) {
+        } else if whole.is_file() && !ending.is_some_and(|e| SIDECARS.contains(&&e[..])) {
             files.push(path);
         }
     }
     Ok(())
 }
 
-fn of_one_size(seen: &[Seen]) -> Result<()> {
-    let mut sizes: Vec<(usize, usize)> = seen.iter().map(|s| s.size).collect();
+fn check_sizes(files: &[FrameFile]) -> Result<()> {
+    let mut sizes: Vec<(usize, usize)> = files.iter().map(|s| s.size).collect();
     sizes.sort_unstable();
     sizes.dedup();
     if let [_] = sizes[..] {
         return Ok(());
     }
     let of = |size: &(usize, usize)| {
-        let files: Vec<&Seen> = seen.iter().filter(|s| s.size == *size).collect();
-        let first = files[0].name.display();
-        format!("{} x {} in {} file(s), such as {first}", size.0, size.1, files.len())
+        let own: Vec<&FrameFile> = files.iter().filter(|s| s.size == *size).collect();
+        let first = own[0].name.display();
+        format!("{} x {} in {} file(s), such as {first}", size.0, size.1, own.len())
     };
     let sizes: Vec<String> = sizes.iter().map(of).collect();
     Err(Error::disagreement(format!("frames of several sizes: {}", sizes.join("; ")))
-        .help("a set has frames of one size; put the others into a folder of their own"))
+        .help("a set has frames of one size; move the others to another folder"))
 }
 
 /// Remarks of the readers, each once with its first file, and stacks that contradict their names.
-fn notes(seen: &[Seen], stacks: &[stacks::Stack]) -> Vec<String> {
+fn notes(files: &[FrameFile], stacks: &[stacks::Stack]) -> Vec<String> {
     let mut notes: Vec<String> = Vec::new();
-    let mut told: Vec<&String> = Vec::new();
-    for one in seen {
-        for note in &one.facts.notes {
-            if !told.contains(&note) {
-                told.push(note);
-                notes.push(format!("{}: {note}", one.name.display()));
+    let mut reported: Vec<&String> = Vec::new();
+    for file in files {
+        for note in &file.facts.notes {
+            if !reported.contains(&note) {
+                reported.push(note);
+                notes.push(format!("{}: {note}", file.name.display()));
             }
         }
     }

@@ -1,10 +1,10 @@
-//! What names of files and folders say.
+//! Role and exposure from the names of files and folders.
 
 use crate::Role;
 use std::path::Path;
 
-/// Words of names and of FITS's IMAGETYP, and the role they stand for. Of several in one name the
-/// first of this list counts: a `flat-dark` is a dark.
+/// Words in names and in FITS's IMAGETYP, with the role that they mean. If a name has several, the
+/// first of this list applies: a `flat-dark` is a dark.
 const WORDS: [(&str, Role); 16] = [
     ("dark", Role::Dark),
     ("darks", Role::Dark),
@@ -23,18 +23,18 @@ const WORDS: [(&str, Role); 16] = [
     ("light", Role::Scene),
     ("scene", Role::Scene),
 ];
-/// Words of frames without exposure.
+/// Words that mean zero exposure.
 const BIAS: [&str; 3] = ["bias", "biases", "zero"];
 /// Units of durations in names, in seconds.
 const UNITS: [(&str, f64); 4] = [("us", 1e-6), ("ms", 1e-3), ("sec", 1.0), ("s", 1.0)];
 
-/// Words of a text: runs of letters, in lower case.
+/// The words of a text: runs of letters, in lower case.
 fn words(text: &str) -> Vec<String> {
     let split = text.split(|c: char| !c.is_alphabetic()).filter(|word| !word.is_empty());
     split.map(str::to_lowercase).collect()
 }
 
-/// The parts of a path, the file's name without its ending first.
+/// The components of a path, beginning with the file's name without its extension.
 fn parts(path: &Path) -> Vec<String> {
     let stem = path.with_extension("");
     let mut parts: Vec<String> =
@@ -43,26 +43,40 @@ fn parts(path: &Path) -> Vec<String> {
     parts
 }
 
-/// The role that a text names, and whether it is a bias.
-pub fn role_of(text: &str) -> Option<(Role, bool)> {
+/// A role found in a text.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NamedRole {
+    /// The role.
+    pub role: Role,
+    /// Whether the frames are bias frames, without exposure.
+    pub bias: bool,
+}
+
+/// A value found in a part of a path.
+pub struct Found<T> {
+    /// The value.
+    pub value: T,
+    /// The part.
+    pub part: String,
+}
+
+/// The role that a text names.
+pub fn role_of(text: &str) -> Option<NamedRole> {
     let words = words(text);
     let (_, role) = WORDS.iter().find(|(word, _)| words.iter().any(|w| w == word))?;
-    Some((*role, words.iter().any(|w| BIAS.contains(&&w[..]))))
+    Some(NamedRole { role: *role, bias: words.iter().any(|w| BIAS.contains(&&w[..])) })
 }
 
-/// The role that the nearest part of a path names, that part, and whether it is a bias.
-pub fn role(path: &Path) -> Option<(Role, bool, String)> {
-    parts(path).into_iter().find_map(|part| {
-        let (role, bias) = role_of(&part)?;
-        Some((role, bias, part))
-    })
+/// The role that a path names, in the part nearest to the file.
+pub fn role(path: &Path) -> Option<Found<NamedRole>> {
+    parts(path).into_iter().find_map(|part| Some(Found { value: role_of(&part)?, part }))
 }
 
-/// The exposure time in the nearest part of a path that has one (`dark-010ms`, `6300us`,
-/// `flat_1.5s`), s, and that part. A part with two is taken for none.
-pub fn exposure_s(path: &Path) -> Option<(f64, String)> {
+/// The exposure time that a path names (`dark-010ms`, `6300us`, `flat_1.5s`), s, in the part nearest
+/// to the file that has exactly one.
+pub fn exposure_s(path: &Path) -> Option<Found<f64>> {
     parts(path).into_iter().find_map(|part| match durations(&part)[..] {
-        [seconds] => Some((seconds, part)),
+        [value] => Some(Found { value, part }),
         _ => None,
     })
 }
@@ -73,13 +87,13 @@ fn durations(text: &str) -> Vec<f64> {
     let mut rest = text;
     while let Some(start) = rest.find(|c: char| c.is_ascii_digit()) {
         // `f2s` is more likely a name than two seconds.
-        let apart = !rest[..start].ends_with(char::is_alphabetic);
+        let separate = !rest[..start].ends_with(char::is_alphabetic);
         let digits = rest[start..].find(|c| !number(c)).unwrap_or(rest.len() - start);
         let (value, after) = rest[start..].split_at(digits);
         let unit = after.find(|c: char| !c.is_alphabetic()).unwrap_or(after.len());
         let unit = UNITS.iter().find(|(name, _)| after[..unit].eq_ignore_ascii_case(name));
         if let (Ok(value), Some((_, seconds))) = (value.parse::<f64>(), unit)
-            && (apart || *seconds < 1.0)
+            && (separate || *seconds < 1.0)
         {
             found.push(value * seconds);
         }
@@ -94,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_say_role_and_exposure() {
+    fn role_and_exposure_are_found_in_names() {
         for (name, role_name, seconds) in [
             ("dark-010ms/0001.dng", Some(Role::Dark), Some(0.01)),
             ("dark-stack-6300us/a.tiff", Some(Role::Dark), Some(0.0063)),
@@ -109,8 +123,8 @@ mod tests {
             ("dark10ms/f2s.npy", Some(Role::Dark), Some(0.01)),
         ] {
             let path = Path::new(name);
-            assert_eq!(role(path).map(|r| r.0), role_name, "{name}");
-            let found = exposure_s(path).map(|e| e.0);
+            assert_eq!(role(path).map(|r| r.value.role), role_name, "{name}");
+            let found = exposure_s(path).map(|e| e.value);
             let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-12;
             let same = match (found, seconds) {
                 (Some(a), Some(b)) => near(a, b),
@@ -118,8 +132,9 @@ mod tests {
             };
             assert!(same, "{name}: {found:?}");
         }
-        assert_eq!(role_of("Bias Frame"), Some((Role::Dark, true)));
-        assert_eq!(role_of("Flat Dark"), Some((Role::Dark, false)));
+        let named = |role, bias| Some(NamedRole { role, bias });
+        assert_eq!(role_of("Bias Frame"), named(Role::Dark, true));
+        assert_eq!(role_of("Flat Dark"), named(Role::Dark, false));
         assert_eq!(role_of("Master"), None);
     }
 }

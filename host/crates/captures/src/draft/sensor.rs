@@ -1,6 +1,6 @@
-//! What the frames of a set have in common.
+//! The `[sensor]` of a manifest, from what the files have in common.
 
-use super::file::Seen;
+use super::file::FrameFile;
 use super::stacks::Stack;
 use super::{Based, Known};
 use crate::Role;
@@ -8,11 +8,11 @@ use camrig_base::Cfa;
 use camrig_base::toml_text::seven_figures;
 use std::fmt::Display;
 
-/// Difference of the four places in 2 x 2 pixels over the signal, below which they have one
-/// filter: a quarter of a million samples agree to less than a tenth of it.
-const ONE_FILTER: f64 = 0.01;
-/// Bits of a word, which containers say whatever the samples have.
-const WORD: u32 = 16;
+/// Largest difference between the four positions in 2 x 2 pixels, relative to the signal, at which
+/// they have the same filter: a quarter of a million samples agree to less than a tenth of it.
+const MAX_MONO_DIFFERENCE: f64 = 0.01;
+/// Bits of a word, which some formats state whatever the range of the samples.
+const WORD_BITS: u32 = 16;
 
 /// The `[sensor]` of a manifest.
 #[derive(Clone, Debug)]
@@ -21,9 +21,9 @@ pub struct Sensor {
     pub size: (usize, usize),
     /// Bits of a sample.
     pub bits: Based<u32>,
-    /// Colour filters; without a value where no frame has light to show them.
+    /// Colour filters; unknown where no lit frame shows them.
     pub cfa: Based<Cfa>,
-    /// Whether a set without `cfa` would be read wrongly.
+    /// Whether the set would be misinterpreted without `cfa`.
     pub cfa_matters: bool,
     /// Mean without light, DN.
     pub black_level_dn: Based<f64>,
@@ -34,93 +34,92 @@ pub struct Sensor {
 }
 
 impl Sensor {
-    /// What the files have in common.
-    pub fn of(seen: &[Seen], stacks: &[Stack], known: &Known) -> Self {
-        let bits = bits(seen, known);
-        let black = black_by_place(seen)
-            .or_else(|| agreed(seen, |s| s.facts.black_level_dn))
+    /// From all files.
+    pub fn of(files: &[FrameFile], stacks: &[Stack], known: &Known) -> Self {
+        let bits = bits(files, known);
+        let black = black_by_place(files)
+            .or_else(|| agreed(files, |s| s.facts.black_level_dn))
             .or_else(|| {
-                let share = seen.iter().find_map(|s| s.beside.black_share.clone())?;
+                let share = files.iter().find_map(|s| s.sidecar.black_share.clone())?;
                 let dn = share.value * f64::from(1u32 << bits.value?);
                 Some(Based::new(seven_figures(dn), share.by))
             })
             .or_else(|| Some(Based::new(known.black_level_dn?, "given")));
-        let white = agreed(seen, |s| s.facts.white_level_dn)
+        let white = agreed(files, |s| s.facts.white_level_dn)
             .or_else(|| Some(Based::new(known.white_level_dn?, "given")));
-        let pitch = seen.iter().find_map(|s| s.facts.taken.pitch_um.clone()).map(Based::from);
-        let (cfa, cfa_matters) = cfa(seen, stacks, known);
+        let pitch = files.iter().find_map(|s| s.facts.taken.pitch_um.clone()).map(Based::from);
+        let (cfa, cfa_matters) = cfa(files, stacks, known);
         Self {
-            size: seen[0].size,
+            size: files[0].size,
             bits,
             cfa,
             cfa_matters,
             black_level_dn: black
-                .unwrap_or_else(|| Based::unknown("not in the files: dark frames tell")),
-            white_level_dn: white.unwrap_or_else(|| {
-                Based::unknown("not in the files: full scale of bits is taken")
-            }),
+                .unwrap_or_else(|| Based::unknown("not in the files: measured from dark frames")),
+            white_level_dn: white
+                .unwrap_or_else(|| Based::unknown("not in the files: full scale is used")),
             pitch_um: pitch.or_else(|| Some(Based::new(known.pitch_um?, "given"))).unwrap_or_else(
-                || Based::unknown("not in the files: cycles/mm and photons per area need it"),
+                || Based::unknown("not in the files: needed for cycles/mm and photons per area"),
             ),
         }
     }
 }
 
-/// A black level that files give for each place of their pattern is none of the whole sensor.
-fn black_by_place(seen: &[Seen]) -> Option<Based<f64>> {
-    let levels = seen.iter().find_map(|s| s.facts.black_levels_that_differ())?;
+/// Black levels that differ between the positions of the pattern are not one for the whole sensor.
+fn black_by_place(files: &[FrameFile]) -> Option<Based<f64>> {
+    let levels = files.iter().find_map(|s| s.facts.black_levels_that_differ())?;
     let levels: Vec<String> = levels.iter().map(f64::to_string).collect();
     Some(Based::unknown(format!(
-        "the files say {} by place of the pattern: dark frames tell",
+        "the files have {} by position of the pattern: measured from dark frames",
         levels.join(", ")
     )))
 }
 
-/// A value that all files say which say one; a value unknown where they contradict one another.
-fn agreed<T>(seen: &[Seen], of: impl Fn(&Seen) -> Option<T>) -> Option<Based<T>>
+/// The value in all files that have one; unknown where they disagree.
+fn agreed<T>(files: &[FrameFile], of: impl Fn(&FrameFile) -> Option<T>) -> Option<Based<T>>
 where
     T: PartialEq + Display,
 {
-    let mut said: Vec<(T, &Seen)> = Vec::new();
-    for one in seen {
-        if let Some(value) = of(one).filter(|value| said.iter().all(|s| s.0 != *value)) {
-            said.push((value, one));
+    let mut found: Vec<(T, &FrameFile)> = Vec::new();
+    for file in files {
+        if let Some(value) = of(file).filter(|value| found.iter().all(|s| s.0 != *value)) {
+            found.push((value, file));
         }
     }
-    if said.len() > 1 {
+    if found.len() > 1 {
         let each: Vec<String> =
-            said.iter().take(4).map(|(v, s)| format!("{v} in {}", s.name.display())).collect();
+            found.iter().take(4).map(|(v, s)| format!("{v} in {}", s.name.display())).collect();
         return Some(Based::unknown(format!("the files differ: {}", each.join(", "))));
     }
-    said.pop().map(|(value, _)| Based::new(value, "the files"))
+    found.pop().map(|(value, _)| Based::new(value, "the files"))
 }
 
-fn bits(seen: &[Seen], known: &Known) -> Based<u32> {
-    // Words of 16 bits may hold samples of fewer.
-    let sure = |s: &Seen| s.facts.bits.filter(|bits| *bits != WORD || s.facts.taken.noted);
-    let largest = seen.iter().map(|s| s.levels.largest).max().unwrap_or(0);
+fn bits(files: &[FrameFile], known: &Known) -> Based<u32> {
+    // 16-bit words may hold samples of fewer bits.
+    let sure =
+        |s: &FrameFile| s.facts.bits.filter(|bits| *bits != WORD_BITS || s.facts.taken.noted);
+    let largest = files.iter().map(|s| s.levels.largest).max().unwrap_or(0);
     let needed = u16::BITS - largest.leading_zeros();
-    if let Some(said) = agreed(seen, sure) {
-        return said;
+    if let Some(found) = agreed(files, sure) {
+        return found;
     }
     if let Some(bits) = known.bits {
         return Based::new(bits, "given");
     }
-    if needed == WORD {
-        return Based::new(WORD, format!("samples up to {largest}"));
+    if needed == WORD_BITS {
+        return Based::new(WORD_BITS, format!("samples up to {largest}"));
     }
     if needed >= 8 && u32::from(largest) + 1 == 1 << needed {
-        let full =
-            format!("the largest sample is {largest} = 2^{needed} - 1, as where it saturates");
+        let full = format!("the largest sample is {largest} = 2^{needed} - 1, probably saturated");
         return Based::new(needed, full);
     }
     Based::unknown(format!("not in the files; samples reach {largest}: at least {needed}"))
 }
 
-/// The pattern, and whether it matters.
-fn cfa(seen: &[Seen], stacks: &[Stack], known: &Known) -> (Based<Cfa>, bool) {
-    if let Some(said) = agreed(seen, |s| s.facts.cfa.clone()) {
-        return (said, true);
+/// The pattern, and whether the set would be misinterpreted without it.
+fn cfa(files: &[FrameFile], stacks: &[Stack], known: &Known) -> (Based<Cfa>, bool) {
+    if let Some(found) = agreed(files, |s| s.facts.cfa.clone()) {
+        return (found, true);
     }
     if let Some(cfa) = &known.cfa {
         return (Based::new(cfa.clone(), "given"), true);
@@ -131,15 +130,18 @@ fn cfa(seen: &[Seen], stacks: &[Stack], known: &Known) -> (Based<Cfa>, bool) {
     let brightest = lit.max_by(|a, b| a.mean.total_cmp(&b.mean));
     let Some(flat) = brightest else {
         let matters = stacks.iter().any(|s| !s.role.is(&Role::Dark));
-        let why = if matters { "" } else { ", and darks do not show it: one colour is taken" };
+        let why = if matters { "" } else { "; monochrome is assumed, as darks do not show it" };
         return (Based::unknown(format!("not in the files{why}")), matters);
     };
     let signal = flat.mean - black.unwrap_or(0.0);
     let low = flat.cells.iter().copied().fold(f64::INFINITY, f64::min);
     let high = flat.cells.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if signal > 0.0 && high - low < ONE_FILTER * signal {
+    if signal > 0.0 && high - low < MAX_MONO_DIFFERENCE * signal {
         let mono = Cfa { width: 1, height: 1, letters: vec!['M'] };
-        return (Based::new(mono, "the four places in 2 x 2 pixels see the same of a flat"), true);
+        return (
+            Based::new(mono, "the four positions in 2 x 2 pixels have the same signal in a flat"),
+            true,
+        );
     }
     let means = flat.cells.map(|c| format!("{c:.0}")).join(" ");
     let why = format!("not in the files; the means in 2 x 2 pixels of a flat are {means} DN");

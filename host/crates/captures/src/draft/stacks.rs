@@ -1,34 +1,36 @@
-//! Files that are one stack, and what the stack is.
+//! Groups files into stacks and finds the conditions of each.
 
-use super::file::{Levels, Seen};
-use super::{Based, Known, names};
+use super::file::{FrameFile, Levels};
+use super::names::{self, Found};
+use super::{Based, Known};
 use crate::Role;
 use camrig_base::toml_text::seven_figures;
 use std::path::{Path, PathBuf};
 
-/// Relative change of the signal from one frame to the next from which another stack begins: lamps
-/// flicker by less, and levels of a series differ by more.
-const ANOTHER_LEVEL: f64 = 0.1;
-/// Change of temperature from which another stack begins, °C.
-const ANOTHER_TEMPERATURE: f64 = 1.0;
-/// Signals over the range between black and white: up to the first a frame counts as dark, from the
-/// second on as lit; between them levels alone do not tell.
-const DARK_SHARE: f64 = 0.005;
-const LIT_SHARE: f64 = 0.05;
-/// Spread of an even field's blocks over its mean: shading of lenses is less. The same of the two
-/// sides of an edge over its step.
-const EVEN_SPREAD: f64 = 0.4;
-const SIDE_SPREAD: f64 = 0.1;
-/// Share of blocks that each side of an edge has at least, and both together.
+/// Relative change of the signal from one frame to the next above which another stack begins: lamps
+/// flicker by less, levels of a series differ by more.
+const MAX_LEVEL_CHANGE: f64 = 0.1;
+/// Change of temperature above which another stack begins, °C.
+const MAX_TEMPERATURE_CHANGE: f64 = 1.0;
+/// Largest signal of a dark as a share of the range from black to white.
+const MAX_DARK_SHARE: f64 = 0.005;
+/// Smallest signal of a lit frame as a share of the range. Between the two, levels alone do not
+/// determine the role.
+const MIN_LIT_SHARE: f64 = 0.05;
+/// Largest spread of an even field's blocks relative to its mean: lens shading is less.
+const MAX_EVEN_SPREAD: f64 = 0.4;
+/// Largest spread of each side of an edge relative to its step.
+const MAX_SIDE_SPREAD: f64 = 0.1;
+/// Smallest share of blocks on each side of an edge, and on both together.
 const MIN_SIDE: f64 = 0.15;
-const BOTH_SIDES: f64 = 0.85;
+const MIN_BOTH_SIDES: f64 = 0.85;
 
-/// A stack to be.
+/// A drafted stack.
 #[derive(Clone, Debug)]
 pub struct Stack {
     /// Unique name.
     pub id: String,
-    /// What it is for.
+    /// Its purpose.
     pub role: Based<Role>,
     /// Names or patterns of its files in order of time.
     pub files: Vec<String>,
@@ -42,11 +44,11 @@ pub struct Stack {
     pub temperature_c: Based<f64>,
     /// Levels of the first frame of each file.
     pub levels: Vec<Levels>,
-    /// What does not fit together.
+    /// Inconsistencies.
     pub notes: Vec<String>,
 }
 
-/// How the frames of a file were taken.
+/// The conditions of a file's frames.
 #[derive(Clone)]
 struct Conditions {
     role: Based<Role>,
@@ -55,16 +57,16 @@ struct Conditions {
     temperature_c: Based<f64>,
 }
 
-/// The stacks among the files that are frames; `all` are the names of all files.
-pub fn of(seen: &[Seen], known: &Known, all: &[PathBuf]) -> Vec<Stack> {
-    let scale = Scale::of(seen, known);
-    let mut groups: Vec<(Key, Vec<(&Seen, Conditions)>)> = Vec::new();
-    for one in seen {
-        let conditions = Conditions::of(one, known, &scale);
-        let key = Key::of(one, &conditions);
+/// Groups the files of frames into stacks; `all` are the names of all files.
+pub fn of(files: &[FrameFile], known: &Known, all: &[PathBuf]) -> Vec<Stack> {
+    let scale = Scale::of(files, known);
+    let mut groups: Vec<(Key, Vec<(&FrameFile, Conditions)>)> = Vec::new();
+    for file in files {
+        let conditions = Conditions::of(file, known, &scale);
+        let key = Key::of(file, &conditions);
         match groups.iter_mut().find(|(other, _)| *other == key) {
-            Some((_, group)) => group.push((one, conditions)),
-            None => groups.push((key, vec![(one, conditions)])),
+            Some((_, group)) => group.push((file, conditions)),
+            None => groups.push((key, vec![(file, conditions)])),
         }
     }
     let runs: Vec<_> =
@@ -74,11 +76,11 @@ pub fn of(seen: &[Seen], known: &Known, all: &[PathBuf]) -> Vec<Stack> {
     stacks
 }
 
-/// What a file has in common with the others of its stack.
+/// What the files of a stack have in common.
 #[derive(PartialEq)]
 struct Key {
     folder: PathBuf,
-    /// The name with its last number left out; the whole name of a file of several frames.
+    /// The name without its last number; the whole name for a file of several frames.
     name: String,
     role: Option<Role>,
     exposure: Option<u64>,
@@ -86,12 +88,12 @@ struct Key {
 }
 
 impl Key {
-    fn of(seen: &Seen, conditions: &Conditions) -> Self {
-        let file = seen.name.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
-        let (before, after) = around_number(&file);
-        let name = if seen.frames > 1 { file.clone() } else { format!("{before}#{after}") };
+    fn of(file: &FrameFile, conditions: &Conditions) -> Self {
+        let whole = file.name.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
+        let (before, after) = around_number(&whole);
+        let name = if file.frames > 1 { whole.clone() } else { format!("{before}#{after}") };
         Self {
-            folder: folder_of(seen),
+            folder: folder_of(file),
             name,
             role: conditions.role.value,
             exposure: conditions.exposure_s.value.map(f64::to_bits),
@@ -100,18 +102,18 @@ impl Key {
     }
 }
 
-fn folder_of(seen: &Seen) -> PathBuf {
-    seen.name.parent().unwrap_or(Path::new("")).to_owned()
+fn folder_of(file: &FrameFile) -> PathBuf {
+    file.name.parent().unwrap_or(Path::new("")).to_owned()
 }
 
-/// What stands before and after the number of a frame in a file's name: the last word of digits
-/// alone, or the digits at the end of the name.
+/// The text before and after the number of a frame in a file's name: the last word that is only
+/// digits, otherwise the digits at the end of the name.
 fn around_number(file: &str) -> (&str, &str) {
     let stem = file.rfind('.').unwrap_or(file.len());
-    let apart = |c: char| !c.is_alphanumeric();
+    let separator = |c: char| !c.is_alphanumeric();
     let mut end = stem;
     loop {
-        let start = file[..end].rfind(apart).map_or(0, |at| at + 1);
+        let start = file[..end].rfind(separator).map_or(0, |at| at + 1);
         if start < end && file[start..end].chars().all(|c| c.is_ascii_digit()) {
             return (&file[..start], &file[end..]);
         }
@@ -125,31 +127,31 @@ fn around_number(file: &str) -> (&str, &str) {
 }
 
 impl Conditions {
-    fn of(seen: &Seen, known: &Known, scale: &Scale) -> Self {
-        let taken = &seen.facts.taken;
-        let own_word = taken.kind.as_ref().and_then(|kind| {
-            let (role, bias) = names::role_of(&kind.value)?;
-            Some((Based::new(role, format!("{} = {:?}", kind.by, kind.value)), bias))
+    fn of(file: &FrameFile, known: &Known, scale: &Scale) -> Self {
+        let taken = &file.facts.taken;
+        let by_field = taken.kind.as_ref().and_then(|kind| {
+            let named = names::role_of(&kind.value)?;
+            Some((Based::new(named.role, format!("{} = {:?}", kind.by, kind.value)), named.bias))
         });
         let by_name = || {
-            let (role, bias, part) = names::role(&seen.name)?;
-            Some((Based::new(role, format!("the name {part:?}")), bias))
+            let Found { value, part } = names::role(&file.name)?;
+            Some((Based::new(value.role, format!("the name {part:?}")), value.bias))
         };
         let (role, bias) =
-            own_word.or_else(by_name).unwrap_or_else(|| (scale.role(&seen.levels), false));
+            by_field.or_else(by_name).unwrap_or_else(|| (scale.role(&file.levels), false));
         let given = |value: Option<f64>| value.map(|v| Based::new(v, "given"));
-        let said = |said: &Option<camrig_formats::Said<f64>>| {
-            let said = said.clone().filter(|s| s.value.is_finite());
-            said.map(|s| Based::from(s).map(seven_figures))
+        let field = |field: &Option<camrig_formats::Said<f64>>| {
+            let finite = field.clone().filter(|s| s.value.is_finite());
+            finite.map(|s| Based::from(s).map(seven_figures))
         };
         let positive = |b: &Based<f64>| b.value.is_some_and(|v| v > 0.0);
         let by_name = || {
-            let (seconds, part) = names::exposure_s(&seen.name)?;
-            Some(Based::new(seven_figures(seconds), format!("the name {part:?}")))
+            let Found { value, part } = names::exposure_s(&file.name)?;
+            Some(Based::new(seven_figures(value), format!("the name {part:?}")))
         };
-        let exposure_s = said(&taken.exposure_s)
+        let exposure_s = field(&taken.exposure_s)
             .filter(positive)
-            .or_else(|| said(&seen.beside.exposure_s).filter(positive))
+            .or_else(|| field(&file.sidecar.exposure_s).filter(positive))
             .or_else(|| bias.then(|| Based::new(0.0, "bias frames have none")))
             .or_else(|| given(known.exposure_s))
             .or_else(by_name)
@@ -158,59 +160,60 @@ impl Conditions {
         let why = if remarks.is_empty() {
             "not in the files".into()
         } else {
-            format!("not in the files; {remarks} is in units of the camera's own")
+            format!("not in the files; {remarks} is in arbitrary units of the camera")
         };
         Self {
             role,
             exposure_s,
-            analog_gain: said(&taken.analog_gain)
-                .or_else(|| said(&seen.beside.analog_gain))
+            analog_gain: field(&taken.analog_gain)
+                .or_else(|| field(&file.sidecar.analog_gain))
                 .filter(positive)
                 .or_else(|| given(known.analog_gain))
                 .unwrap_or_else(|| Based::unknown(why)),
-            temperature_c: said(&taken.temperature_c)
-                .or_else(|| said(&seen.beside.temperature_c))
+            temperature_c: field(&taken.temperature_c)
+                .or_else(|| field(&file.sidecar.temperature_c))
                 .or_else(|| given(known.temperature_c))
                 .unwrap_or_else(|| Based::unknown("not in the files")),
         }
     }
 }
 
-/// Black and white of the set, as far as its frames tell.
+/// Black and white level of the set, as far as known.
 struct Scale {
     black: Option<f64>,
     white: f64,
 }
 
 impl Scale {
-    fn of(seen: &[Seen], known: &Known) -> Self {
-        let named_dark = |s: &&Seen| {
-            let own = s.facts.taken.kind.as_ref().and_then(|kind| names::role_of(&kind.value));
-            let role = own.map(|r| r.0).or_else(|| Some(names::role(&s.name)?.0));
-            role == Some(Role::Dark)
+    fn of(files: &[FrameFile], known: &Known) -> Self {
+        let named_dark = |s: &&FrameFile| {
+            let by_field =
+                s.facts.taken.kind.as_ref().and_then(|kind| names::role_of(&kind.value));
+            let named = by_field.or_else(|| Some(names::role(&s.name)?.value));
+            named.is_some_and(|n| n.role == Role::Dark)
         };
-        let said = seen.iter().find_map(|s| s.facts.black_level_dn);
-        let lowest = || seen.iter().filter(named_dark).map(|s| s.levels.mean).reduce(f64::min);
+        let of_files = files.iter().find_map(|s| s.facts.black_level_dn);
+        let lowest = || files.iter().filter(named_dark).map(|s| s.levels.mean).reduce(f64::min);
         let white =
-            known.white_level_dn.or_else(|| seen.iter().find_map(|s| s.facts.white_level_dn));
-        let largest = || seen.iter().map(|s| s.levels.largest).max();
+            known.white_level_dn.or_else(|| files.iter().find_map(|s| s.facts.white_level_dn));
+        let largest = || files.iter().map(|s| s.levels.largest).max();
         Self {
-            black: known.black_level_dn.or(said).or_else(lowest),
+            black: known.black_level_dn.or(of_files).or_else(lowest),
             white: white.or_else(largest).unwrap_or(u16::MAX).into(),
         }
     }
 
-    /// The share of the range above black that a level has; `None` where black is not known.
+    /// A level as a share of the range from black to white; `None` where black is unknown.
     fn share(&self, level: f64) -> Option<f64> {
         let black = self.black?;
         Some((level - black) / (self.white - black).max(1.0))
     }
 
-    /// What a frame is by its levels.
+    /// The role of a frame according to its levels.
     fn role(&self, levels: &Levels) -> Based<Role> {
-        let by = "no name says what it is";
+        let by = "no name has its role";
         let Some(share) = self.share(levels.mean) else {
-            return Based::unknown(format!("{by}, and no black level is known to judge by"));
+            return Based::unknown(format!("{by}, and the black level is unknown"));
         };
         let black = self.black.unwrap_or_default();
         let mut blocks: Vec<f64> = levels.blocks.iter().map(|b| b - black).collect();
@@ -219,43 +222,43 @@ impl Scale {
         let (low, high, mean) = (at(0.05), at(0.95), levels.mean - black);
         let spread = high - low;
         let side = |level: f64| {
-            let near = blocks.iter().filter(|b| (**b - level).abs() < SIDE_SPREAD * spread);
+            let near = blocks.iter().filter(|b| (**b - level).abs() < MAX_SIDE_SPREAD * spread);
             near.count() as f64 / blocks.len() as f64
         };
         let guess = |role, what: &str| {
             Based::new(role, format!("by its levels: {what} of {mean:.1} DN above black"))
         };
-        if share.abs() <= DARK_SHARE && spread <= DARK_SHARE * self.white {
+        if share.abs() <= MAX_DARK_SHARE && spread <= MAX_DARK_SHARE * self.white {
             guess(Role::Dark, "a mean")
-        } else if share >= LIT_SHARE && spread < EVEN_SPREAD * mean {
+        } else if share >= MIN_LIT_SHARE && spread < MAX_EVEN_SPREAD * mean {
             guess(Role::Flat, "an even field")
-        } else if share >= LIT_SHARE
+        } else if share >= MIN_LIT_SHARE
             && side(low).min(side(high)) >= MIN_SIDE
-            && side(low) + side(high) >= BOTH_SIDES
+            && side(low) + side(high) >= MIN_BOTH_SIDES
         {
             guess(Role::Edge, "two even sides, a mean")
         } else {
-            Based::unknown(format!("{by}, and its levels do not tell"))
+            Based::unknown(format!("{by}, and its levels do not determine it"))
         }
     }
 
-    /// Whether two frames that follow one another are of one stack.
-    fn alike(&self, a: &(&Seen, Conditions), b: &(&Seen, Conditions)) -> bool {
+    /// Whether successive files belong to one stack.
+    fn alike(&self, a: &(&FrameFile, Conditions), b: &(&FrameFile, Conditions)) -> bool {
         let black = self.black.unwrap_or(0.0);
         let (first, second) = (a.0.levels.mean - black, b.0.levels.mean - black);
         let jump = (first - second).abs();
-        let same_level = jump <= ANOTHER_LEVEL * first.abs().max(second.abs())
-            || jump <= DARK_SHARE * (self.white - black);
+        let same_level = jump <= MAX_LEVEL_CHANGE * first.abs().max(second.abs())
+            || jump <= MAX_DARK_SHARE * (self.white - black);
         let same_temperature = match (a.1.temperature_c.value, b.1.temperature_c.value) {
-            (Some(a), Some(b)) => (a - b).abs() <= ANOTHER_TEMPERATURE,
+            (Some(a), Some(b)) => (a - b).abs() <= MAX_TEMPERATURE_CHANGE,
             (a, b) => a.is_none() == b.is_none(),
         };
         same_level && same_temperature
     }
 }
 
-/// The stack of files that belong together.
-fn stack(run: &[(&Seen, Conditions)], scale: &Scale, all: &[PathBuf]) -> Stack {
+/// The stack of a run of files.
+fn stack(run: &[(&FrameFile, Conditions)], scale: &Scale, all: &[PathBuf]) -> Stack {
     let (first, conditions) = &run[0];
     let temperatures: Vec<f64> = run.iter().filter_map(|r| r.1.temperature_c.value).collect();
     let mut temperature_c = conditions.temperature_c.clone();
@@ -273,10 +276,11 @@ fn stack(run: &[(&Seen, Conditions)], scale: &Scale, all: &[PathBuf]) -> Stack {
     let levels: Vec<Levels> = run.iter().map(|r| r.0.levels.clone()).collect();
     let mut notes = Vec::new();
     let mean = levels.iter().map(|l| l.mean).sum::<f64>() / levels.len() as f64;
-    if conditions.role.is(&Role::Dark) && scale.share(mean).is_some_and(|share| share > LIT_SHARE)
+    if conditions.role.is(&Role::Dark)
+        && scale.share(mean).is_some_and(|share| share > MIN_LIT_SHARE)
     {
         notes.push(format!(
-            "{}: a mean of {:.1} DN above black is much for a dark (role from {})",
+            "{}: a mean of {:.1} DN above black is high for a dark (role from {})",
             first.name.display(),
             mean - scale.black.unwrap_or_default(),
             conditions.role.on
@@ -295,8 +299,8 @@ fn stack(run: &[(&Seen, Conditions)], scale: &Scale, all: &[PathBuf]) -> Stack {
     }
 }
 
-/// A pattern that gives the files of a stack and no others in their order, or all their names.
-fn files(run: &[(&Seen, Conditions)], all: &[PathBuf]) -> Vec<String> {
+/// A pattern that matches exactly the files of a stack in their order, otherwise all their names.
+fn files(run: &[(&FrameFile, Conditions)], all: &[PathBuf]) -> Vec<String> {
     let names: Vec<&PathBuf> = run.iter().map(|r| &r.0.name).collect();
     let escaped = |name: &Path| {
         let text = name.to_string_lossy().replace(std::path::MAIN_SEPARATOR, "/");
@@ -328,17 +332,17 @@ fn files(run: &[(&Seen, Conditions)], all: &[PathBuf]) -> Vec<String> {
     names.iter().map(|name| escaped(name)).collect()
 }
 
-/// Gives each stack a name of its own: that of its folder or of its files, with the exposure where
+/// Gives each stack a unique name: that of its folder or of its files, with the exposure where
 /// several would have the same.
-fn name(stacks: &mut [Stack], runs: &[&[(&Seen, Conditions)]]) {
+fn name(stacks: &mut [Stack], runs: &[&[(&FrameFile, Conditions)]]) {
     let folders: Vec<PathBuf> = runs.iter().map(|run| folder_of(run[0].0)).collect();
     let base = |i: usize| {
         let folder = folders[i].to_string_lossy().replace(['/', '\\'], "-");
-        let alone = folders.iter().filter(|f| **f == folders[i]).count() == 1;
+        let only = folders.iter().filter(|f| **f == folders[i]).count() == 1;
         let file = runs[i][0].0.name.with_extension("");
         let file = file.file_name().map_or_else(String::new, |n| n.to_string_lossy().into());
         let file = if runs[i].len() > 1 { around_number(&file).0.to_string() } else { file };
-        let both = match (alone && !folder.is_empty(), folder.is_empty()) {
+        let both = match (only && !folder.is_empty(), folder.is_empty()) {
             (true, _) => folder,
             (false, true) => file,
             (false, false) => format!("{folder}-{file}"),

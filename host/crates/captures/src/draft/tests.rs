@@ -1,4 +1,4 @@
-//! Manifests of folders whose frames are known.
+//! Drafts for folders with known frames.
 
 use super::*;
 use crate::{CaptureSet, Role};
@@ -16,7 +16,7 @@ fn put(folder: &Path, name: &str, format: &Format, planes: Vec<Plane<u16>>, fact
     std::fs::write(path, format.encode(&Frames { planes, facts }).unwrap()).unwrap();
 }
 
-/// What a camera's file says: 12 bits, black at 64.
+/// The metadata of a camera's file: 12 bits, black at 64.
 fn facts(exposure_s: f64) -> Facts {
     Facts {
         bits: Some(12),
@@ -38,7 +38,7 @@ fn load(folder: &Path, draft: &Draft) -> Result<CaptureSet> {
 }
 
 #[test]
-fn files_that_say_everything_need_nothing_more() {
+fn files_with_all_metadata_need_nothing_more() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for n in 0..3 {
@@ -52,7 +52,7 @@ fn files_that_say_everything_need_nothing_more() {
     let draft = draft(folder, &Known::default());
     assert!(draft.unknown().is_empty(), "{}", draft.text(&[]));
     assert_eq!(draft.count(), [3, 9]);
-    assert_eq!(draft.left_out.len(), 1);
+    assert_eq!(draft.skipped.len(), 1);
     let text = draft.text(&[]);
     for line in [
         "exposure_s = 0.01               # EXIF ExposureTime",
@@ -60,7 +60,7 @@ fn files_that_say_everything_need_nothing_more() {
         "analog_gain = 2                 # ISO 200, with ISO 100 as gain 1",
         "role = \"dark\"                   # the name \"darks\"",
         "bits = 12                       # the files",
-        "# temperature_c: left out, not in the files",
+        "# temperature_c: omitted, not in the files",
     ] {
         assert!(text.contains(line), "{line}\n{text}");
     }
@@ -72,10 +72,10 @@ fn files_that_say_everything_need_nothing_more() {
     assert_eq!(flats, [0.01, 0.02]);
 }
 
-/// 16-bit words that say nothing, and names that say little: exactly what they do not tell is left
-/// to fill in, and what is given fills it.
+/// Files without metadata and names with little: exactly the missing values are placeholders, and
+/// values from the caller replace them.
 #[test]
-fn what_no_file_tells_is_marked_and_nothing_else() {
+fn only_missing_values_are_placeholders() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let nothing = Facts::default();
@@ -85,17 +85,17 @@ fn what_no_file_tells_is_marked_and_nothing_else() {
     put(folder, "flat-5ms.npy", &Format::Npy, vec![plane(900, 1), plane(900, 2)], nothing);
     let draft = draft(folder, &Known::default());
     let unknown: Vec<_> = draft.unknown().into_iter().collect();
-    // The flat's name has its exposure, and its levels show one filter; black is not known.
+    // The flat's name has its exposure, and its levels show one filter; black is unknown.
     assert_eq!(
         unknown,
         [("analog_gain", 2), ("bits", 1), ("exposure_s", 1), ("role", 1)],
         "{}",
         draft.text(&[])
     );
-    let told = load(folder, &draft).unwrap_err().to_string();
-    assert!(told.contains("5 things to put right"), "{told}");
-    assert_eq!(told.matches("is not known").count(), 5, "{told}");
-    assert!(told.contains("id \"a\": role is not known"), "{told}");
+    let message = load(folder, &draft).unwrap_err().to_string();
+    assert!(message.contains("5 things to put right"), "{message}");
+    assert_eq!(message.matches("is not known").count(), 5, "{message}");
+    assert!(message.contains("id \"a\": role is not known"), "{message}");
 
     let known = Known {
         exposure_s: Some(0.001),
@@ -108,14 +108,14 @@ fn what_no_file_tells_is_marked_and_nothing_else() {
     assert!(draft.unknown().is_empty(), "{}", draft.text(&[]));
     let set = load(folder, &draft).unwrap();
     let roles: Vec<_> = set.captures.iter().map(|c| (c.role, c.exposure_s)).collect();
-    // What is given for files that say nothing comes before what their names seem to say.
+    // Values from the caller take precedence over names.
     assert_eq!(roles, [(Role::Dark, 0.001), (Role::Flat, 0.001)]);
     assert!(set.cfa().is_mono());
 }
 
-/// A ladder of pairs, as EMVA 1288 has it, in one folder: pairs stay apart by their level alone.
+/// Pairs at several levels, as for EMVA 1288, in one folder: only the level separates them.
 #[test]
-fn pairs_of_a_ladder_stay_pairs() {
+fn pairs_are_separated_by_their_level() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for pair in 0..6 {
@@ -169,7 +169,7 @@ fn bias_frames_sidecars_and_edges() {
     assert_eq!((bias.role, bias.exposure_s, bias.analog_gain), (Role::Dark, 0.0, 1.0));
     assert_eq!((edge.role, edge.exposure_s, edge.analog_gain), (Role::Edge, 0.008, 4.0));
     assert_eq!(edge.temperature_c, Some(41.0));
-    // libcamera gives black levels in 16 bits: 1024 of 65536 is 64 of 4096.
+    // libcamera's black levels have 16 bits: 1024 of 65536 is 64 of 4096.
     assert_eq!(set.sensor.black_level_dn, Some(64.0));
 }
 
@@ -177,13 +177,13 @@ fn bias_frames_sidecars_and_edges() {
 fn frames_of_two_sizes_and_none_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let said =
+    let error =
         |folder: &Path| Draft::of(folder, &Known::default(), &|_| {}).unwrap_err().to_string();
     std::fs::write(folder.join("a.jpg"), "no frame").unwrap();
-    assert!(said(folder).contains("no frames") && said(folder).contains("a.jpg"));
+    assert!(error(folder).contains("no frames") && error(folder).contains("a.jpg"));
     put(folder, "a.dng", &Format::Dng, vec![plane(62, 0)], facts(0.01));
     let small = Plane::filled(32, 48, 64);
     put(folder, "b.dng", &Format::Dng, vec![small], facts(0.01));
-    assert!(said(folder).contains("several sizes"), "{}", said(folder));
-    assert!(said(&folder.join("nowhere")).contains("nowhere"));
+    assert!(error(folder).contains("several sizes"), "{}", error(folder));
+    assert!(error(&folder.join("nowhere")).contains("nowhere"));
 }

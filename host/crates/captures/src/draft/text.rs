@@ -11,13 +11,13 @@ use std::fmt::Display;
 const COMMENT_AT: usize = 32;
 
 impl Draft {
-    /// The manifest in TOML, under the lines of `head` as a comment.
+    /// The manifest in TOML, preceded by the lines of `head` as comments.
     #[must_use]
     pub fn text(&self, head: &[&str]) -> String {
         self.write(head).0
     }
 
-    /// How often each key stands with a value that is not known.
+    /// Number of unknown values by key.
     #[must_use]
     pub fn unknown(&self) -> BTreeMap<&'static str, usize> {
         self.write(&[]).1
@@ -28,12 +28,12 @@ impl Draft {
         head.iter().for_each(|line| out.text += &format!("# {line}\n"));
         out.text += "format = \"captures/1\"\n\n[sensor]\n";
         let s = &self.sensor;
-        out.needed("width", &Based::new(s.size.0, "the files"), |v| v.to_string());
-        out.needed("height", &Based::new(s.size.1, "the files"), |v| v.to_string());
-        out.needed("bits", &s.bits, u32::to_string);
+        out.required("width", &Based::new(s.size.0, "the files"), |v| v.to_string());
+        out.required("height", &Based::new(s.size.1, "the files"), |v| v.to_string());
+        out.required("bits", &s.bits, u32::to_string);
         let quoted = |v: &dyn Display| format!("{:?}", v.to_string());
         if s.cfa_matters {
-            out.needed("cfa", &s.cfa, |v| quoted(v));
+            out.required("cfa", &s.cfa, |v| quoted(v));
         } else {
             out.optional("cfa", &s.cfa, |v| quoted(v));
         }
@@ -45,7 +45,7 @@ impl Draft {
     }
 }
 
-/// Lines as they are written.
+/// The lines written.
 #[derive(Default)]
 struct Lines {
     text: String,
@@ -60,7 +60,7 @@ impl Lines {
             "\n[[capture]] # {} frame{plural}, mean {mean:.1} DN\nid = {:?}\n",
             stack.frames, stack.id
         );
-        self.needed("role", &stack.role, |role| {
+        self.required("role", &stack.role, |role| {
             serde_json::to_string(role).unwrap_or_default() // a word in quotes, as in TOML
         });
         self.text += &match &stack.files[..] {
@@ -70,19 +70,21 @@ impl Lines {
                 format!("files = [\n{}]\n", names.concat())
             }
         };
-        self.needed("exposure_s", &stack.exposure_s, f64::to_string);
-        self.needed("analog_gain", &stack.analog_gain, f64::to_string);
+        self.required("exposure_s", &stack.exposure_s, f64::to_string);
+        self.required("analog_gain", &stack.analog_gain, f64::to_string);
         self.optional("temperature_c", &stack.temperature_c, f64::to_string);
-        let light = "[capture.light]: left out, no file tells it";
+        let light = "[capture.light]: omitted, not in the files";
         match stack.role.value {
             Some(Role::Dark) | None => {}
-            Some(Role::Flat) => self.text += &format!("# {light}; quantum efficiency needs it\n"),
-            Some(_) => self.text += &format!("# {light}; [capture.scene] neither\n"),
+            Some(Role::Flat) => {
+                self.text += &format!("# {light}; needed for quantum efficiency\n")
+            }
+            Some(_) => self.text += &format!("# {light}; nor is [capture.scene]\n"),
         }
     }
 
-    /// A key that a manifest cannot do without.
-    fn needed<T>(&mut self, key: &'static str, based: &Based<T>, show: impl Fn(&T) -> String) {
+    /// Writes a required key.
+    fn required<T>(&mut self, key: &'static str, based: &Based<T>, show: impl Fn(&T) -> String) {
         let value = based.value.as_ref().map_or_else(
             || {
                 *self.unknown.entry(key).or_default() += 1;
@@ -94,11 +96,11 @@ impl Lines {
         self.text += &format!("{line:COMMENT_AT$}# {}\n", based.on);
     }
 
-    /// A key that may be left out, which is said.
+    /// Writes an optional key, or a comment that it is omitted.
     fn optional<T>(&mut self, key: &'static str, based: &Based<T>, show: impl Fn(&T) -> String) {
         match &based.value {
-            Some(_) => self.needed(key, based, show),
-            None => self.text += &format!("# {key}: left out, {}\n", based.on),
+            Some(_) => self.required(key, based, show),
+            None => self.text += &format!("# {key}: omitted, {}\n", based.on),
         }
     }
 }

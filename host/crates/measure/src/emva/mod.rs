@@ -2,9 +2,9 @@
 //!
 //! The standard's model is a linear camera: the temporal noise is shot noise, dark noise and
 //! quantisation, scaled by K. The figures follow the standard's own estimators (unweighted fits
-//! over its ranges), so that they are comparable with data sheets; [`Checked::warnings`] says
-//! where the sensor does not meet the standard's assumptions, and what the photon transfer without
-//! them ([`super::transfer`]) gives.
+//! over its ranges), so that they are comparable with data sheets; [`Checked::warnings`] reports
+//! where the sensor does not meet the standard's assumptions, with the results of the photon transfer
+//! without them ([`super::transfer`]).
 //!
 //! Sections of the standard (release 4.0 linear): noise model 2.4, SNR 2.6, threshold eq. 27, dark
 //! current 3, two-frame temporal variance eq. 18, photon transfer 6.6, non-uniformities 4 and 8;
@@ -29,12 +29,13 @@ use self::spatial::{SpatialPair, spatial_figures};
 use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
 use super::codes::Codes;
 use super::copies;
-use super::dark::{self, DarkLine, SAME_EXPOSURE, distinct};
+use super::dark::{self, DarkLine, distinct};
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
 use super::remarks;
 use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
+use super::tolerance::SAME_EXPOSURE;
 use super::transfer::{Knee, Transfer};
 use super::value::Value;
 use camrig_base::{Error, Result};
@@ -48,7 +49,7 @@ const LINEARITY_RANGE: std::ops::RangeInclusive<f64> = 0.05..=0.95;
 /// 0.40 DN at a variance below 0.24 DN²).
 const HIDDEN_NOISE_DN: f64 = 0.40;
 /// Fewest light levels: a slope and a saturation need two levels below and one at saturation. The
-/// standard requires 50, which a warning says.
+/// standard requires 50; fewer cause a warning.
 const MIN_LEVELS: usize = 3;
 /// Light levels with which the flat of the spatial figures stays one of them.
 const FEW_LEVELS: usize = 5;
@@ -85,9 +86,9 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     });
     for (_, flat) in &flats {
         if flat.channels[0].frames < 2 {
-            return Err(Error::input("one frame has no temporal noise to measure")
+            return Err(Error::input("temporal noise needs more than one frame")
                 .at(format!("flat capture {:?}", flat.id))
-                .help("give at least two frames per capture"));
+                .help("provide at least two frames per capture"));
         }
     }
     ladder::check_flats(&darks, flats.iter().map(|f| &f.1))?;
@@ -100,7 +101,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
         flats.iter().filter(|(_, l)| in_ladder(&l.id)).map(|f| f.1.clone()).collect();
     if levels.len() < MIN_LEVELS {
         return Err(Error::input(format!("{} flat levels", levels.len()))
-            .help("the standard asks for 50, from dark to saturation; three are the least"));
+            .help("the standard requires 50, from dark to saturation; three are the minimum"));
     }
     let stacks = match &pair {
         Some(p) => Some((

@@ -2,11 +2,11 @@
 
 use super::profiles::Profiles;
 use super::{ChannelEmva, saturation_index};
-use crate::dark::SAME_EXPOSURE;
 use crate::ladder::Level;
 use crate::moments::SATURATED_SHARE;
 use crate::spectrogram::{Histogram, SitePlane};
 use crate::stack::Stack;
+use crate::tolerance::SAME_EXPOSURE;
 use crate::value::Value;
 use camrig_base::Result;
 
@@ -14,9 +14,8 @@ use camrig_base::Result;
 /// subtracted is larger than the patterns of most sensors.
 const MIN_FRAMES: usize = 3;
 
-/// Standard errors by which a level brighter than the saturated one, the level of largest temporal
-/// variance, has to have less of it to count as past saturation: one in 700 of equally bright
-/// levels has by chance.
+/// Standard errors by which a level above the saturated one, the level of largest temporal variance,
+/// must have less variance to be past saturation: by chance, one in 700 of equally bright levels.
 const LESS_VARIANCE: f64 = 3.0;
 
 /// The stacks for the spatial figures, as indices into the selection.
@@ -26,7 +25,7 @@ pub(super) struct SpatialPair {
     pub flat_id: String,
     pub frames: usize,
     pub same_exposure: bool,
-    /// Whether the flat is past saturation, for each channel.
+    /// For each channel, whether the flat is past saturation.
     pub past: Vec<bool>,
 }
 
@@ -75,8 +74,8 @@ impl SpatialPair {
     }
 }
 
-/// Whether a level is past saturation in a channel, whose saturated level is given: samples at the
-/// white level, or at a full well below it less variance than darker levels have.
+/// Whether a level is past saturation in a channel, given its saturated level: it has samples at the
+/// white level or, with a full well below it, less variance than darker levels.
 fn is_past(levels: &[&Level], level: usize, channel: usize, saturation: usize) -> bool {
     let (m, at) = (&levels[level].channels[channel], &levels[saturation].channels[channel]);
     let error = libm::hypot(at.temporal_error, m.temporal_error);
@@ -96,8 +95,8 @@ fn nearest_dark(darks: &[Level], exposure_s: f64) -> Option<(usize, bool)> {
     Some((dark, !other(dark)))
 }
 
-/// Step of a flat's mean less a dark's after the high-pass filter, DN: means of F and D frames of
-/// whole DN lie on multiples of 1/lcm(F, D), and the filter takes off means of 25 of them.
+/// Step of a flat's mean minus a dark's after the high-pass filter, DN: means of F and D frames of
+/// whole DN are multiples of 1/lcm(F, D), and the filter subtracts means of 25 of them.
 fn high_passed(dark: &Stack, flat: &Stack) -> f64 {
     let (mut a, mut b) = (dark.frames, flat.frames);
     while b > 0 {
@@ -106,14 +105,14 @@ fn high_passed(dark: &Stack, flat: &Stack) -> f64 {
     a.max(1) as f64 / (25.0 * dark.frames as f64 * flat.frames as f64)
 }
 
-/// Standard errors below 0 from which a part's variance contradicts the total, instead of being a
-/// small one that chance made negative: one in 700.
+/// Standard errors below 0 at which a component's variance contradicts the total instead of being
+/// negative by chance: one in 700.
 const CONTRADICTS: f64 = 3.0;
 
 /// Row, column and pixel part of a total variance as the standard splits it: their sum is the
-/// total (release 4.0, section 8.2). A part that is smaller than its error can come out negative:
-/// it is not determined, and the others make up the total. A part that is negative beyond its
-/// error contradicts the total, and none is determined.
+/// total (release 4.0, section 8.2). The estimate of a part smaller than its error can be negative: it
+/// is not determined, and the others are scaled to the total. A significantly negative part
+/// contradicts the total, and none is determined.
 fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<f64>; 3] {
     let contradicted = parts.iter().any(|v| v.value < -CONTRADICTS * v.std_error);
     if total <= 0.0 || contradicted {
@@ -125,7 +124,7 @@ fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<f64>; 3] {
     std::array::from_fn(|i| (parts[i].value > 0.0).then_some(parts[i].value * share))
 }
 
-/// Says which parts of a figure are not determined.
+/// A warning on the parts of a figure that are not determined.
 fn parts_warning(
     figure: &str,
     name: &str,
@@ -136,7 +135,7 @@ fn parts_warning(
     if total <= 0.0 {
         return Some(format!(
             "channel {name}: {figure} is not determined: the variance over pixels is not above \
-             the temporal noise left in means of {frames} frames; more frames lower it"
+             the residual temporal noise in means of {frames} frames; use more frames"
         ));
     }
     let names = ["row", "column", "pixel"].iter().zip(parts);
@@ -155,12 +154,12 @@ fn parts_warning(
     };
     Some(format!(
         "channel {name}: the {} {some} of {figure} {is} not determined (smaller than the error \
-         that {frames} frames leave); the others are scaled to make up the total",
+         with {frames} frames); the others are scaled to the total",
         missing.join(" and ")
     ))
 }
 
-/// Fills in the spatial figures of channel `c`; those of the flat where it is not past saturation.
+/// Adds the spatial figures of channel `c`; those of the flat only where it is below saturation.
 pub(super) fn spatial_figures(
     out: &mut ChannelEmva,
     dark: &Stack,
@@ -260,14 +259,14 @@ mod tests {
         assert_eq!(of(-1.0, [3.0, -2.0, -2.0]), [None; 3]);
         assert_eq!(of(6.0, [9.0, 1.0, -4.0]), [None; 3]);
 
-        let said = parts_warning("DSNU1288", "m", 4, 6.0, &[None; 3]).unwrap();
-        assert!(said.contains("the parts of DSNU1288 are not determined"), "{said}");
-        let said = parts_warning("DSNU1288", "m", 4, 12.0, &[Some(11.0), None, None]).unwrap();
-        assert!(said.contains("the column and pixel parts of DSNU1288 are not determined"));
-        let said = parts_warning("PRNU1288", "m", 4, -1.0, &[None; 3]).unwrap();
+        let warning = parts_warning("DSNU1288", "m", 4, 6.0, &[None; 3]).unwrap();
+        assert!(warning.contains("the parts of DSNU1288 are not determined"), "{warning}");
+        let warning = parts_warning("DSNU1288", "m", 4, 12.0, &[Some(11.0), None, None]).unwrap();
+        assert!(warning.contains("the column and pixel parts of DSNU1288 are not determined"));
+        let warning = parts_warning("PRNU1288", "m", 4, -1.0, &[None; 3]).unwrap();
         assert!(
-            said.contains("PRNU1288 is not determined") && said.contains("4 frames"),
-            "{said}"
+            warning.contains("PRNU1288 is not determined") && warning.contains("4 frames"),
+            "{warning}"
         );
         assert_eq!(parts_warning("PRNU1288", "m", 4, 1.0, &[Some(0.3); 3]), None);
     }

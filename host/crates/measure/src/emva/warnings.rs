@@ -15,17 +15,16 @@ const LEVELS: usize = 50;
 const SPATIAL_FRAMES: usize = 100;
 /// Largest share of dark samples at 0 DN that the standard allows.
 const CLIPPED_SHARE: f64 = 5e-3;
-/// Bias of K by a curved response that is worth a warning: 0.5 %, what a careful measurement
-/// resolves.
-const BIASED: f64 = 0.005;
-/// Standard errors from which a bias of K is significant: chance gives three in one of 370
-/// channels.
+/// Bias of K by a nonlinear response above which there is a warning: 0.5 %, which a careful
+/// measurement resolves.
+const MIN_BIAS: f64 = 0.005;
+/// Standard errors above which a bias of K is significant: by chance, one in 370 channels.
 const SIGNIFICANT: f64 = 3.0;
 /// Standard errors from which a correlation is significant: four, as each set tests two of them on
 /// every run and a false warning costs more than a small coupling.
 const SIGNIFICANT_CORRELATION: f64 = 4.0;
-/// χ² per degree of freedom of the photon transfer from which its scatter is worth a warning: a
-/// scatter 1.7 times the sampling errors, which ten levels give by chance once in a thousand sets.
+/// χ² per degree of freedom of the photon transfer above which there is a warning: a scatter of 1.7
+/// times the sampling errors, which ten levels exceed by chance once in a thousand sets.
 const SCATTERED_CHI2: f64 = 3.0;
 
 /// Warnings about the set as a whole.
@@ -39,15 +38,15 @@ pub(super) fn set_warnings(
     let mut out = Vec::new();
     out.extend(ladder::codes(darks, levels).note());
     if set.sensor.cfa.is_none() {
-        out.push("the set names no colour filter pattern: taken as one channel".into());
+        out.push("the set has no colour filter pattern: treated as one channel".into());
     }
     out.extend(remarks::of_ladder(set, selection, darks, levels, DARK_EXPOSURES));
     if levels.len() < LEVELS {
-        out.push(format!("{} light levels; the standard asks for at least 50", levels.len()));
+        out.push(format!("{} light levels; the standard requires at least 50", levels.len()));
     }
     if levels.iter().any(|l| l.photons.is_none()) {
         out.push(
-            "the photons per pixel are not known (photons_per_pixel_per_s, or irradiance_w_m2 \
+            "the photons per pixel are unknown (photons_per_pixel_per_s, or irradiance_w_m2 \
              with wavelength_nm and pitch_um): no quantum efficiency, responsivity or linearity"
                 .into(),
         );
@@ -69,7 +68,7 @@ pub(super) fn set_warnings(
         Some(p) => {
             if p.frames < SPATIAL_FRAMES {
                 out.push(format!(
-                    "spatial figures from {} frames ({}); the standard asks for at least 100",
+                    "spatial figures from {} frames ({}); the standard requires at least 100",
                     p.frames, p.flat_id
                 ));
             }
@@ -89,9 +88,9 @@ pub(super) fn set_warnings(
     out
 }
 
-/// Smallest correlation coefficient that is worth a warning: it biases K by four times its value,
-/// here about 1 %.
-const CORRELATED: f64 = 0.002;
+/// Smallest correlation coefficient that causes a warning: it biases K by four times its value, here
+/// about 1 %.
+const MIN_CORRELATION: f64 = 0.002;
 
 /// Warnings about correlated noise of neighbouring pixels in a capture whose moments are `stack`.
 pub(super) fn correlation_warning(
@@ -100,9 +99,9 @@ pub(super) fn correlation_warning(
     stack: &Stack,
     warnings: &mut Vec<String>,
 ) -> Result<()> {
-    let correlation = NoiseCorrelation::of(set, flat, stack, 0.1 * CORRELATED)?;
+    let correlation = NoiseCorrelation::of(set, flat, stack, 0.1 * MIN_CORRELATION)?;
     for (place, rho) in [("to the right", correlation.right), ("below", correlation.below)] {
-        if rho.value.abs() > CORRELATED
+        if rho.value.abs() > MIN_CORRELATION
             && rho.value.abs() > SIGNIFICANT_CORRELATION * rho.std_error
         {
             warnings.push(format!(
@@ -117,7 +116,7 @@ pub(super) fn correlation_warning(
     Ok(())
 }
 
-/// Warnings about a curved response, and about noise that is not shot noise.
+/// Warnings about a nonlinear response, and about noise that is not shot noise.
 pub(super) fn curvature_warnings(
     t: &Transfer,
     k: f64,
@@ -129,14 +128,14 @@ pub(super) fn curvature_warnings(
     let significant =
         (k - t.gain.value).abs() > SIGNIFICANT * libm::hypot(k_error, t.gain.std_error);
     if let Some(r) = &t.response
-        && bias.abs() > BIASED
+        && bias.abs() > MIN_BIAS
         && significant
     {
         let q = r.quadratic;
         warnings.push(format!(
-            "channel {name}: the response is not a straight line ({:+.2} ± {:.2} % per 1000 DN): \
-             the standard's K is {:+.1} % off the gain at small signals, {:.4} DN/e⁻, and the \
-             quantum efficiency is off by as much the other way",
+            "channel {name}: the response is nonlinear ({:+.2} ± {:.2} % per 1000 DN): the \
+             standard's K differs by {:+.1} % from the gain at small signals, {:.4} DN/e⁻, and the \
+             quantum efficiency by as much in the opposite direction",
             1e5 * q.value,
             1e5 * q.std_error,
             100.0 * bias,

@@ -20,10 +20,10 @@
 //! are two pixels apart, but the bins are finer, so that its curve also extends beyond its own
 //! Nyquist frequency. The standard error is a jackknife over blocks of rows.
 //!
-//! Several frames of one edge are averaged where their noise is: each gives its edge spread
-//! function about its own fitted edge, so that a camera that moves by a fraction of a pixel blurs
-//! nothing, with its sides brought to the mean levels, so that a lamp that flickers does not
-//! either; the mean of these has the response. [`find_edges`] looks for the regions.
+//! For several frames of one edge, the edge spread functions are averaged: each relative to the edge
+//! fitted in its frame, so that a camera that moves by a fraction of a pixel causes no blur, and with
+//! its sides scaled to the mean levels, so that a flickering lamp has no effect. [`find_edges`] finds
+//! the regions.
 
 mod line;
 mod search;
@@ -46,12 +46,12 @@ const OVERSAMPLING: f64 = 4.0;
 /// Fraction of the Tukey window that is tapered, half on each side (ISO 12233:2023).
 const TUKEY_ALPHA: f64 = 1.0;
 
-/// Robust standard deviations beyond which a sample counts as that of a defective pixel: Gaussian
-/// noise exceeds four once in 16,000 samples, several times the samples of a region.
+/// Robust standard deviations above which a sample is from a defective pixel: Gaussian noise exceeds
+/// four once in 16,000 samples, several times the samples of a region.
 const DEFECT: f64 = 4.0;
 
-/// Samples next to each other in distance from the edge whose median a sample is compared with:
-/// wide enough for a robust median, narrow beside the edge's width.
+/// Number of samples at similar distances from the edge with whose median a sample is compared: enough
+/// for a robust median, few compared with the edge's width.
 const NEIGHBOURS: usize = 11;
 
 /// Blocks of rows for the jackknife: ten give its error to about a quarter.
@@ -65,9 +65,9 @@ const MIN_ROWS: usize = 10;
 const MIN_RANGE_DN: f64 = 8.0;
 /// Share of samples at the white level, or at 0 DN, from which a side counts as clipped.
 const CLIPPED_SHARE: f64 = 0.005;
-/// Share of a side's samples at its extreme value from which it counts as clipped where the white
-/// level is not known: of symmetric noise, half lies beyond its mean, and a level at which a side
-/// is cut off there or further in has at least as many samples.
+/// Share of a side's samples at its extreme value above which it is clipped, where the white level is
+/// unknown: half of symmetric noise is beyond its mean, so clipping there or further in affects at
+/// least as many samples.
 const ONE_VALUE_SHARE: f64 = 0.5;
 /// Smallest scatter of samples, DN, for the limit of defects in noiseless frames.
 const MIN_SCATTER_DN: f64 = 1e-9;
@@ -115,10 +115,10 @@ pub struct Edge {
     pub angle_deg: f64,
     /// MTF50: frequency where the response falls to one half, cycles per pixel.
     pub mtf50_cycles_per_pixel: f64,
-    /// Standard error of MTF50, cycles per pixel: the larger of what blocks of rows and, of
-    /// several frames, what frames show.
+    /// Standard error of MTF50, cycles per pixel: the larger of those from blocks of rows and, for
+    /// several frames, from the frames.
     pub mtf50_std_error: f64,
-    /// Standard deviation of MTF50 between frames, cycles per pixel; `None` of one frame.
+    /// Standard deviation of MTF50 between frames, cycles per pixel; `None` for one frame.
     pub mtf50_frame_spread: Option<f64>,
     /// Number of frames.
     pub frames: usize,
@@ -132,8 +132,8 @@ pub struct Edge {
     pub field: f64,
     /// MTF50 in cycles per millimetre, where the pitch is known.
     pub mtf50_cycles_per_mm: Option<f64>,
-    /// Response at 0.5 cycles per pixel; `None` where the curve ends before, as that of a channel
-    /// whose samples are far apart.
+    /// Response at 0.5 cycles per pixel; `None` where the curve ends before, as for sparsely sampled
+    /// channels.
     pub mtf_at_nyquist: Option<f64>,
     /// (cycles per pixel, response) from 0 to 1 cycle per pixel, or as far as the samples allow.
     pub curve: Vec<[f64; 2]>,
@@ -183,14 +183,15 @@ pub fn measure_frames(
         found.map_err(|e| if frames.len() > 1 { e.at(format!("frame {i}")) } else { e })
     };
     let found: Vec<Found> = frames.iter().enumerate().map(numbered).collect::<Result<_>>()?;
-    let first = found.first().ok_or_else(|| Error::input("no frames").help("give one or more"))?;
-    alike(&frames, &found)?;
+    let first =
+        found.first().ok_or_else(|| Error::input("no frames").help("provide one or more"))?;
+    check_same_edge(&frames, &found)?;
     let edges = Edges::new(&found);
     let sfr = edges.response(None)?;
     let mtf50 = sfr.crossing(0.5).ok_or_else(|| {
         let end = sfr.curve.last().map_or(0.0, |p| p[0]);
         Error::input(format!("the response does not fall to one half below {end:.2} cycles/pixel"))
-            .help("is this an image of an edge? noise alone has such a response")
+            .help("check that this is an image of an edge; noise has such a response")
     })?;
     // Jackknife: leave out one block of rows at a time.
     let parts: Vec<Sfr> =
@@ -204,7 +205,7 @@ pub fn measure_frames(
     let size = frames[0].0;
     let half = [size.width, size.height].map(|side| 0.5 * side as f64);
     let (across, along) = first.line.centre();
-    let place = if first.lies_down { [along, across] } else { [across, along] };
+    let place = if first.near_rows { [along, across] } else { [across, along] };
     // Pixel centres are whole numbers, the frame's centre lies between them.
     let position = [place[0] + 0.5 - half[0], place[1] + 0.5 - half[1]];
     Ok(Edge {
@@ -215,7 +216,7 @@ pub fn measure_frames(
         mtf50_frame_spread,
         frames: frames.len(),
         roi,
-        direction: if first.lies_down { Direction::Vertical } else { Direction::Horizontal },
+        direction: if first.near_rows { Direction::Vertical } else { Direction::Horizontal },
         position,
         field: libm::hypot(position[0], position[1]) / libm::hypot(half[0], half[1]),
         mtf50_cycles_per_mm: pitch_um.map(|p| mtf50.value / (p * 1e-3)),
@@ -227,14 +228,14 @@ pub fn measure_frames(
     })
 }
 
-/// Refuses frames that do not show the same edge.
-fn alike(frames: &[(&Plane<u16>, Option<u16>)], found: &[Found]) -> Result<()> {
+/// Refuses frames of different edges.
+fn check_same_edge(frames: &[(&Plane<u16>, Option<u16>)], found: &[Found]) -> Result<()> {
     let size = |f: &(&Plane<u16>, Option<u16>)| (f.0.width, f.0.height);
     let first = &found[0];
     for (i, (frame, one)) in frames.iter().zip(found).enumerate() {
         let what = if size(frame) != size(&frames[0]) {
             "of another size than the first"
-        } else if one.lies_down != first.lies_down || one.line.rises != first.line.rises {
+        } else if one.near_rows != first.near_rows || one.line.rises != first.line.rises {
             "with another edge in the region than the first"
         } else {
             continue;
@@ -302,13 +303,13 @@ fn jackknife(values: &[f64]) -> f64 {
     ((b - 1.0) / b * values.iter().map(|f| (f - mean).powi(2)).sum::<f64>()).sqrt()
 }
 
-/// The response of one channel at some frequencies, with its predicted scatter.
+/// The response of one channel at some frequencies, with its predicted standard errors.
 #[derive(Clone, Debug)]
 pub struct Response {
-    /// (response, standard deviation) at each frequency.
-    pub at: Vec<(f64, f64)>,
-    /// (mean, standard error) of the two sides, dark side first, DN.
-    pub levels: [(f64, f64); 2],
+    /// Response at each frequency.
+    pub at: Vec<Value>,
+    /// Mean of the two sides, dark side first, DN.
+    pub levels_dn: [Value; 2],
 }
 
 /// The response of one channel (its letter in upper case) of a frame, or of a mean of frames, at
@@ -318,7 +319,7 @@ pub struct Response {
 ///
 /// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over
 /// ±h, gives the transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) =
-/// σ²/2ρ·(π²/4h + 3π²f²h). Samples of defective pixels are left out.
+/// σ²/2ρ·(π²/4h + 3π²f²h). Samples of defective pixels are excluded.
 ///
 /// # Errors
 /// Those of [`measure`], and a frequency beyond the end of the curve.
@@ -331,14 +332,14 @@ pub fn response<T: Copy + Into<f64>>(
     frequencies: &[f64],
 ) -> Result<Response> {
     let Found { mut rows, step, line, .. } = find(frame, cfa, channel, roi, white_level_dn)?;
-    leave_out_defects(&mut rows, &line);
+    exclude_defects(&mut rows, &line);
     let line = EdgeLine::find(&rows, step)?;
     let sfr = Sfr::of(&Spread::of(&rows, &line, step, Spread::reach(&rows, &line), None)?)?;
     let [dark, bright] = far_sides(&rows, &line, sfr.half);
-    let difference = bright.0 - dark.0;
+    let difference = bright.mean - dark.mean;
     let samples = rows.iter().map(Vec::len).sum::<usize>() as f64;
     let density = rows.len() as f64 * libm::hypot(line.slope_at_middle(), 1.0) / step;
-    let noise = 0.5 * (dark.1 + bright.1) / (2.0 * density);
+    let noise = 0.5 * (dark.variance + bright.variance) / (2.0 * density);
     let pi2 = std::f64::consts::PI.powi(2);
     let at = |&f: &f64| {
         let variance = noise * pi2 * (0.25 / sfr.half + 3.0 * f * f * sfr.half);
@@ -346,18 +347,19 @@ pub fn response<T: Copy + Into<f64>>(
             Error::unsupported(format!("the samples do not show {f} cycles/pixel"))
                 .help("use a channel whose samples are closer together")
         })?;
-        Ok((response * sfr.height.abs() / difference, variance.sqrt() / difference))
+        Ok(Value::new(response * sfr.height.abs() / difference, variance.sqrt() / difference))
     };
     Ok(Response {
         at: frequencies.iter().map(at).collect::<Result<_>>()?,
         // The far halves of the sides are half of the samples.
-        levels: [dark, bright].map(|(mean, variance)| (mean, (4.0 * variance / samples).sqrt())),
+        levels_dn: [dark, bright]
+            .map(|side| Value::new(side.mean, (4.0 * side.variance / samples).sqrt())),
     })
 }
 
-/// Leaves out samples that differ from the median of samples at the same distance from the edge by
+/// Excludes samples that differ from the median of samples at the same distance from the edge by
 /// more than [`DEFECT`] robust standard deviations.
-fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
+fn exclude_defects(rows: &mut Rows, line: &EdgeLine) {
     let distance =
         |s: &Sample| (s.across - line.at(s.along)) / libm::hypot(line.slope(s.along), 1.0);
     let mut sorted: Vec<(f64, f64)> =
@@ -386,8 +388,17 @@ fn leave_out_defects(rows: &mut Rows, line: &EdgeLine) {
     rows.retain(|r| r.len() >= MIN_SAMPLES);
 }
 
-/// Mean (DN) and variance (DN²) of the samples in the outer half of each side, dark side first.
-fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
+/// The samples of a side of the edge.
+#[derive(Clone, Copy)]
+struct Side {
+    /// DN.
+    mean: f64,
+    /// DN².
+    variance: f64,
+}
+
+/// The outer half of each side, dark side first.
+fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [Side; 2] {
     let mut sides = [(0.0, 0.0, 0.0); 2];
     for row in rows {
         let place = line.at(row[0].along);
@@ -402,13 +413,13 @@ fn far_sides(rows: &Rows, line: &EdgeLine, half: f64) -> [(f64, f64); 2] {
     }
     let mut out = sides.map(|(n, sum, square)| {
         let mean: f64 = sum / n;
-        (mean, (square / n - mean * mean).max(0.0))
+        Side { mean, variance: (square / n - mean * mean).max(0.0) }
     });
-    out.sort_by(|a, b| a.0.total_cmp(&b.0));
+    out.sort_by(|a, b| a.mean.total_cmp(&b.mean));
     out
 }
 
-/// An edge in a region of a frame.
+/// An edge found in a region of a frame.
 struct Found {
     /// Samples in rows across the edge.
     rows: Rows,
@@ -416,7 +427,7 @@ struct Found {
     step: f64,
     line: EdgeLine,
     /// Whether the edge is near the pixel rows.
-    lies_down: bool,
+    near_rows: bool,
 }
 
 /// The edge in a region.
@@ -445,8 +456,8 @@ fn find<T: Copy + Into<f64>>(
             .help("use one of the pattern's letters"));
     }
     check_clipping(&rows, white_level_dn)?;
-    let lies_down = lies_down(&rows);
-    if lies_down {
+    let near_rows = is_near_rows(&rows);
+    if near_rows {
         rows = transpose(&rows, roi);
     }
     rows.retain(|r| r.len() >= MIN_SAMPLES);
@@ -456,7 +467,7 @@ fn find<T: Copy + Into<f64>>(
     let step = step(&rows);
     let line = EdgeLine::find(&rows, step)?;
     check_sides(&rows, &line)?;
-    Ok(Found { rows, step, line, lies_down })
+    Ok(Found { rows, step, line, near_rows })
 }
 
 /// Mean distance between neighbouring samples of the rows, pixels: patterns such as X-Trans have
@@ -502,7 +513,7 @@ fn transpose(rows: &Rows, roi: Roi) -> Rows {
 }
 
 /// Whether the signal changes more from row to row than along the rows.
-fn lies_down(rows: &Rows) -> bool {
+fn is_near_rows(rows: &Rows) -> bool {
     let half_mean =
         |part: &[Sample]| part.iter().map(|s| s.value).sum::<f64>() / part.len().max(1) as f64;
     let filled: Vec<&Vec<Sample>> = rows.iter().filter(|r| !r.is_empty()).collect();
@@ -541,8 +552,7 @@ fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     Ok(())
 }
 
-/// Refuses an edge of which a side has one extreme value: it is clipped at a level that is not
-/// known.
+/// Refuses an edge with a side at one extreme value: it is clipped at an unknown level.
 fn check_sides(rows: &Rows, line: &EdgeLine) -> Result<()> {
     let samples = || rows.iter().flatten();
     for bright in [false, true] {

@@ -30,7 +30,7 @@ pub fn find_edges(
         // The edge in the middle has equal room on both sides.
         let first = find(frame, cfa, channel, at(*place), white_level_dn).ok()?;
         let (across, along) = first.line.centre();
-        let centre = if first.lies_down { [along, across] } else { [across, along] };
+        let centre = if first.near_rows { [along, across] } else { [across, along] };
         let start = |centre: f64, length: usize| {
             let start = (centre - 0.5 * side as f64).round().max(0.0) as usize;
             start.min(length - side)

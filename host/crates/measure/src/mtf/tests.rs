@@ -155,20 +155,25 @@ fn response_scatters_as_it_says() {
     let cos = 4f64.to_radians().cos();
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(11);
     let runs = 60.0;
-    let (mut found, mut said) = (vec![[0.0; 2]; 3], [0.0; 3]);
+    let (mut found, mut predicted) = (vec![[0.0; 2]; 3], [0.0; 3]);
     for _ in 0..runs as u32 {
         let noise = Normal::new(0.0, 40.0).unwrap();
         let data = clean.iter().map(|v| (v + noise.sample(&mut rng)) as f32).collect();
         let image = Plane::<f32> { width: 100, height: 120, data };
         let roi = Roi { x: 0, y: 0, width: 100, height: 120 };
         let r = response(&image, &mono(), 'M', roi, None, &frequencies).unwrap();
-        for ((f, s), (value, sd)) in found.iter_mut().zip(&mut said).zip(r.at) {
+        for ((f, s), Value { value, std_error: sd }) in
+            found.iter_mut().zip(&mut predicted).zip(r.at)
+        {
             *f = [f[0] + value, f[1] + value * value];
             *s += sd;
         }
-        assert!((r.levels[0].0 - 400.0).abs() < 20.0 && (r.levels[1].0 - 3600.0).abs() < 20.0);
+        assert!(
+            (r.levels_dn[0].value - 400.0).abs() < 20.0
+                && (r.levels_dn[1].value - 3600.0).abs() < 20.0
+        );
     }
-    for ((f, [sum, square]), sd) in frequencies.iter().zip(found).zip(said) {
+    for ((f, [sum, square]), sd) in frequencies.iter().zip(found).zip(predicted) {
         let mean = sum / runs;
         let scatter = ((square / runs - mean * mean) * runs / (runs - 1.0)).sqrt();
         let ratio = scatter / (sd / runs);
@@ -256,11 +261,11 @@ fn field(frames: usize, noise: f64) -> Vec<Plane<u16>> {
     let one = |k: usize| {
         let (offset, lamp) = (0.31 * k as f64 % 1.0 - 0.5, 1.0 + 0.02 * (k % 3) as f64);
         let mut plane = Plane::filled(304, 240, 2000.0);
-        for (left, top, deg, sigma, lies_down) in FIELD {
+        for (left, top, deg, sigma, near_rows) in FIELD {
             let values = through(96, 96, deg, offset, |f| gauss(sigma, f));
             for (i, value) in values.into_iter().enumerate() {
                 let (a, b) = (i % 96, i / 96);
-                let (x, y) = if lies_down { (b, a) } else { (a, b) };
+                let (x, y) = if near_rows { (b, a) } else { (a, b) };
                 plane.data[(top + y) * 304 + left + x] = value;
             }
         }
@@ -283,7 +288,7 @@ fn frames_of_several_edges_average_to_the_closed_form() {
     let frames = field(8, 60.0);
     // Sums over the edges of squared errors: of eight frames, of one.
     let mut squares = [0.0; 2];
-    for (left, top, deg, sigma, lies_down) in FIELD {
+    for (left, top, deg, sigma, near_rows) in FIELD {
         let roi = Roi { x: left + 8, y: top + 8, width: 80, height: 80 };
         let of = |frames: &[Plane<u16>]| {
             measure_frames(&seen(frames), &mono(), 'M', roi, None).unwrap()
@@ -303,12 +308,12 @@ fn frames_of_several_edges_average_to_the_closed_form() {
         squares[0] += error.powi(2);
         squares[1] += one.mtf50_std_error.powi(2);
         assert!((all.angle_deg.abs() - deg.abs()).abs() < 0.1, "{} {deg}", all.angle_deg);
-        let direction = if lies_down { Direction::Vertical } else { Direction::Horizontal };
+        let direction = if near_rows { Direction::Vertical } else { Direction::Horizontal };
         assert_eq!((all.direction, all.frames, one.mtf50_frame_spread), (direction, 8, None));
         // The first frame's edge lies half a pixel beyond the middle, which is between pixels 47
         // and 48 as counted from 0.
         let mut centre = [left as f64 + 48.0 - 152.0, top as f64 + 48.0 - 120.0];
-        centre[usize::from(lies_down)] += 1.0;
+        centre[usize::from(near_rows)] += 1.0;
         let away = [0, 1].map(|i| all.position[i] - centre[i]);
         assert!(away[0].hypot(away[1]) < 0.2, "{:?} {centre:?}", all.position);
         let field = centre[0].hypot(centre[1]) / 152f64.hypot(120.0);

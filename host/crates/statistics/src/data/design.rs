@@ -6,7 +6,7 @@ use super::variation::FrameVariation;
 use camrig_base::Bands;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
-use camrig_captures::{Capture, CaptureSet, Role, SceneSeen, Split, Uniformity, Window};
+use camrig_captures::{Capture, CaptureSet, CapturedScene, Role, Split, Uniformity, Window};
 use camrig_light::photometry::HC;
 use camrig_scene::chart::{self, Geometry};
 
@@ -303,7 +303,7 @@ fn stack(camera: &Camera, capture: &Capture, index: usize, first_number: u32) ->
 
 /// The target of a capture; `None` for scenes that cannot be measured.
 fn target(capture: &Capture, stack: &Stack) -> Result<Option<Target>> {
-    let Some(scene) = capture.scene.as_ref().map(SceneSeen::spec) else { return Ok(None) };
+    let Some(scene) = capture.scene.as_ref().map(CapturedScene::spec) else { return Ok(None) };
     let geometry = chart::geometry(&scene).map_err(|e| e.at("[capture.scene]"))?;
     let light = capture.light.as_ref();
     Ok(geometry.map(|geometry| Target {

@@ -27,16 +27,16 @@ pub fn figures(
         let roi = region(&picture.mean, angle_deg, horizontal, part);
         for (channel, &letter) in cfa.channels().iter().enumerate() {
             let r = mtf::response(&picture.mean, cfa, letter, roi, Some(full), &frequencies)?;
-            for (tenths, (value, sd)) in TENTHS.iter().zip(r.at) {
+            for (tenths, response) in TENTHS.iter().zip(r.at) {
                 let (part, channel, tenths) = (part as u8, channel as u8, *tenths);
                 let figure = Figure::Response { part, channel, tenths };
-                out.push(MeasuredFigure::linear(figure, value, sd));
+                out.push(MeasuredFigure::linear(figure, response.value, response.std_error));
             }
             if part == PARTS / 2 {
-                for (side, (level, sd)) in r.levels.iter().enumerate() {
+                for (side, level) in r.levels_dn.iter().enumerate() {
                     let (side, channel) = (side as u8, channel as u8);
                     let figure = Figure::EdgeLevel { side, channel };
-                    out.push(MeasuredFigure::linear(figure, level - black, *sd));
+                    out.push(MeasuredFigure::linear(figure, level.value - black, level.std_error));
                 }
             }
         }

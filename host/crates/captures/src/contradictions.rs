@@ -1,7 +1,7 @@
-//! What the files of a set say of themselves, held against its manifest.
+//! Compares the metadata in the files of a set with its manifest.
 //!
-//! A manifest may well know better than a file: so a contradiction is told, and the manifest is
-//! followed.
+//! Contradictions are reported; the manifest takes precedence, since it may be better informed than a
+//! file.
 
 use super::frames::open_with_facts;
 use super::{Capture, CaptureSet, SensorFacts};
@@ -12,29 +12,30 @@ use rayon::prelude::*;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// Difference of black levels that is told, DN: files round them.
-const BLACK_DN: f64 = 0.5;
-/// Difference of exposures that is told, as a part: cameras round them to their lines.
-const EXPOSURE: f64 = 0.01;
+/// Smallest difference of black levels that is reported, DN: files round them.
+const MIN_BLACK_DN: f64 = 0.5;
+/// Smallest relative difference of exposures that is reported: cameras round them to their line
+/// time.
+const MIN_EXPOSURE: f64 = 0.01;
 
-/// Difference of temperatures that is told, °C: measurements take closer ones as equal.
-const TEMPERATURE_C: f64 = 3.0;
-/// Difference of gains that is told, as a part: nominal ISO speeds are rounded to thirds of a stop,
-/// which are 26 % apart; this is less than half of that.
-const GAIN: f64 = 0.1;
+/// Smallest difference of temperatures that is reported, °C: measurements treat smaller ones as
+/// equal.
+const MIN_TEMPERATURE_C: f64 = 3.0;
+/// Smallest relative difference of gains that is reported: nominal ISO speeds are rounded to thirds
+/// of a stop, 26 %; this is less than half of that.
+const MIN_GAIN: f64 = 0.1;
 
-/// What one file says of how its frames were taken.
-struct Seen<'a> {
+/// The metadata of one file.
+struct FileMetadata<'a> {
     capture: &'a Capture,
     file: &'a Path,
     taken: Taken,
 }
 
 impl CaptureSet {
-    /// Where a file of a capture says another exposure, gain or temperature than `captures.toml`,
-    /// or the first file of one another filter pattern, black level or white level: a sentence for
-    /// each of these, with the first capture that it is true of. Files that cannot be read are
-    /// passed over.
+    /// Contradictions between files and `captures.toml`: exposure, gain or temperature of any file,
+    /// filter pattern, black level or white level of the first file of a capture. Each is a sentence
+    /// with the first capture concerned. Files that cannot be read are skipped.
     #[must_use]
     pub fn contradictions(&self) -> Vec<String> {
         let facts = |capture: &Capture| Some(open_with_facts(capture.files.first()?).ok()?.1);
@@ -44,50 +45,52 @@ impl CaptureSet {
             .flat_map(|c| c.files.iter().skip(1).map(move |file| (c, &**file)))
             .collect();
         let further = further.into_par_iter().filter_map(|(capture, file)| {
-            Some(Seen { capture, file, taken: camrig_formats::taken(file).ok()? })
+            Some(FileMetadata { capture, file, taken: camrig_formats::taken(file).ok()? })
         });
-        let further: Vec<Seen> = further.collect();
-        let seen = firsts.iter().map(|(capture, facts)| {
+        let further: Vec<FileMetadata> = further.collect();
+        let files = firsts.iter().map(|(capture, facts)| {
             let file = capture.files.first().map_or(Path::new(""), |file| file);
-            Seen { capture, file, taken: facts.taken.clone() }
+            FileMetadata { capture, file, taken: facts.taken.clone() }
         });
-        let seen: Vec<Seen> = seen.chain(further).collect();
+        let files: Vec<FileMetadata> = files.chain(further).collect();
         let sensor = &self.sensor;
         let of_firsts = [pattern, black, white].map(|kind| {
-            told(firsts.iter().filter_map(|(c, facts)| Some((*c, kind(sensor, facts)?))))
+            summary(firsts.iter().filter_map(|(c, facts)| Some((*c, kind(sensor, facts)?))))
         });
-        let reference = seen.iter().find(|s| s.taken.analog_gain.is_some());
-        let gain = |one: &Seen| gain(one, reference?);
-        let of_files = |kind: &dyn Fn(&Seen) -> Option<String>| {
-            told(seen.iter().filter_map(|one| Some((one.capture, kind(one)?))))
+        let reference = files.iter().find(|s| s.taken.analog_gain.is_some());
+        let gain = |one: &FileMetadata| gain(one, reference?);
+        let of_files = |kind: &dyn Fn(&FileMetadata) -> Option<String>| {
+            summary(files.iter().filter_map(|one| Some((one.capture, kind(one)?))))
         };
         let of_files = [of_files(&exposure), of_files(&gain), of_files(&temperature)];
         of_firsts.into_iter().chain(of_files).flatten().collect()
     }
 }
 
-/// What is true of some captures, said of the first.
-fn told<'a>(all: impl Iterator<Item = (&'a Capture, String)>) -> Option<String> {
+/// One sentence for all captures concerned, with the message of the first.
+fn summary<'a>(all: impl Iterator<Item = (&'a Capture, String)>) -> Option<String> {
     let mut all: Vec<(&Capture, String)> = all.collect();
-    // Of several files of a capture, one is named.
+    // One file per capture.
     let mut ids = HashSet::new();
     all.retain(|(capture, _)| ids.insert(&capture.id));
-    let (first, words) = all.first()?;
+    let (first, message) = all.first()?;
     let more = match all.len() - 1 {
         0 => String::new(),
-        n => format!(" (and so {} more)", counted(n, "capture")),
+        n => format!(" and {} more", counted(n, "capture")),
     };
-    Some(format!("capture {:?}{more}: {words}", first.id))
+    Some(format!("capture {:?}{more}: {message}", first.id))
 }
 
 fn pattern(sensor: &SensorFacts, facts: &Facts) -> Option<String> {
-    let said = facts.cfa.as_ref()?;
+    let found = facts.cfa.as_ref()?;
     match &sensor.cfa {
-        Some(cfa) if cfa == said => None,
-        Some(cfa) => Some(format!("its file says cfa = \"{said}\"; captures.toml, {cfa}, counts")),
-        None if is_mono(said) => None,
+        Some(cfa) if cfa == found => None,
+        Some(cfa) => {
+            Some(format!("its file has cfa = \"{found}\"; that of captures.toml, {cfa}, is used"))
+        }
+        None if is_mono(found) => None,
         None => Some(format!(
-            "its file says cfa = \"{said}\", captures.toml has no cfa: the sensor is taken as mono"
+            "its file has cfa = \"{found}\", captures.toml has none: the sensor is treated as monochrome"
         )),
     }
 }
@@ -97,24 +100,26 @@ fn is_mono(cfa: &Cfa) -> bool {
 }
 
 fn black(sensor: &SensorFacts, facts: &Facts) -> Option<String> {
-    let (said, ours) = (facts.black_level_dn?, sensor.black_level_dn?);
-    ((said - ours).abs() > BLACK_DN).then(|| {
-        format!("its file says a black level of {said} DN; captures.toml, {ours} DN, counts")
-    })
-}
-
-fn white(sensor: &SensorFacts, facts: &Facts) -> Option<String> {
-    let (said, ours) = (facts.white_level_dn?, sensor.white_level_dn);
-    (said != ours).then(|| {
+    let (found, ours) = (facts.black_level_dn?, sensor.black_level_dn?);
+    ((found - ours).abs() > MIN_BLACK_DN).then(|| {
         format!(
-            "its file says a white level of {said} DN; white_level_dn of captures.toml, {ours} \
-             DN (full scale where it is not given), counts"
+            "its file has a black level of {found} DN; that of captures.toml, {ours} DN, is used"
         )
     })
 }
 
-impl Seen<'_> {
-    /// The file in a sentence: its name where the capture has several.
+fn white(sensor: &SensorFacts, facts: &Facts) -> Option<String> {
+    let (found, ours) = (facts.white_level_dn?, sensor.white_level_dn);
+    (found != ours).then(|| {
+        format!(
+            "its file has a white level of {found} DN; white_level_dn of captures.toml, {ours} DN \
+             (full scale if omitted), is used"
+        )
+    })
+}
+
+impl FileMetadata<'_> {
+    /// The file in a sentence, with its name where the capture has several.
     fn name(&self) -> String {
         match (self.capture.files.len(), self.file.file_name()) {
             (2.., Some(name)) => format!("its file {}", name.display()),
@@ -123,50 +128,50 @@ impl Seen<'_> {
     }
 }
 
-fn exposure(one: &Seen) -> Option<String> {
-    let said = one.taken.exposure_s.as_ref()?;
-    let near = |ours: f64| (said.value - ours).abs() <= EXPOSURE * ours;
+fn exposure(one: &FileMetadata) -> Option<String> {
+    let found = one.taken.exposure_s.as_ref()?;
+    let near = |ours: f64| (found.value - ours).abs() <= MIN_EXPOSURE * ours;
     let ours = one.capture.exposure_s;
     let requested = one.capture.exposure_requested_s.is_some_and(near);
     (!near(ours) && !requested).then(|| {
         format!(
-            "{} says an exposure of {} s ({}); captures.toml, {ours} s, counts",
+            "{} has an exposure of {} s ({}); that of captures.toml, {ours} s, is used",
             one.name(),
-            said.value,
-            said.by
+            found.value,
+            found.by
         )
     })
 }
 
-/// Which gain is 1 differs between files and manifests: their ratio is held against that of
-/// another file of the set.
-fn gain(one: &Seen, reference: &Seen) -> Option<String> {
-    let said = one.taken.analog_gain.as_ref()?;
+/// Files and manifests may define unity gain differently, so ratios to another file of the set are
+/// compared.
+fn gain(one: &FileMetadata, reference: &FileMetadata) -> Option<String> {
+    let found = one.taken.analog_gain.as_ref()?;
     let other = reference.taken.analog_gain.as_ref()?;
     let (ours, theirs) = (one.capture.analog_gain, reference.capture.analog_gain);
     let expected = other.value / theirs * ours;
-    ((said.value - expected).abs() > GAIN * expected).then(|| {
+    ((found.value - expected).abs() > MIN_GAIN * expected).then(|| {
         format!(
-            "{} says a gain of {} ({}) where captures.toml has {ours}, but that of capture {:?} \
-             says {} for {theirs}; captures.toml counts",
+            "{} has a gain of {} ({}) where captures.toml has {ours}, but that of capture {:?} has \
+             {} for {theirs}; those of captures.toml are used",
             one.name(),
-            said.value,
-            said.by,
+            found.value,
+            found.by,
             reference.capture.id,
             other.value
         )
     })
 }
 
-fn temperature(one: &Seen) -> Option<String> {
-    let said = one.taken.temperature_c.as_ref()?;
+fn temperature(one: &FileMetadata) -> Option<String> {
+    let found = one.taken.temperature_c.as_ref()?;
     let ours = one.capture.temperature_c?;
-    ((said.value - ours).abs() > TEMPERATURE_C).then(|| {
+    ((found.value - ours).abs() > MIN_TEMPERATURE_C).then(|| {
         format!(
-            "{} says a temperature of {} °C ({}); captures.toml, {ours} °C, counts",
+            "{} has a temperature of {} °C ({}); that of captures.toml, {ours} °C, is used",
             one.name(),
-            said.value,
-            said.by
+            found.value,
+            found.by
         )
     })
 }
@@ -177,7 +182,7 @@ mod tests {
     use camrig_base::Plane;
     use camrig_formats::{Format, Frames, Said};
 
-    /// Frames that say RGGB, black 64, white 1000 and 10 ms.
+    /// The contradictions of frames with metadata RGGB, black 64, white 1000 and 10 ms.
     fn set(sensor: &str, exposure: &str) -> Vec<String> {
         let folder = tempfile::tempdir().unwrap();
         let mut facts = Facts {
@@ -205,25 +210,27 @@ mod tests {
     }
 
     #[test]
-    fn what_files_say_against_the_manifest_is_told() {
+    fn contradictions_between_files_and_manifest_are_reported() {
         let same = "cfa = \"RGGB\"\nwhite_level_dn = 1000\nblack_level_dn = 64.25";
         assert_eq!(set(same, "exposure_s = 0.01005"), [""; 0]);
         let requested = "exposure_s = 0.0123\nexposure_requested_s = 0.01";
         assert_eq!(set("cfa = \"RGGB\"\nwhite_level_dn = 1000", requested), [""; 0]);
         let other = "cfa = \"BGGR\"\nblack_level_dn = 63";
-        let told = set(other, "exposure_s = 10.0");
+        let found = set(other, "exposure_s = 10.0");
         let words = [
-            "cfa = \"RGGB\"; captures.toml, BGGR",
-            "black level of 64 DN; captures.toml, 63 DN",
+            "cfa = \"RGGB\"; that of captures.toml, BGGR",
+            "black level of 64 DN; that of captures.toml, 63 DN",
             "white level of 1000 DN; white_level_dn of captures.toml, 4095 DN",
             "an exposure of 0.01 s",
         ];
-        assert_eq!(told.len(), 4, "{told:?}");
-        for (line, words) in told.iter().zip(words) {
-            let begins = line.starts_with("capture \"a\" (and so 1 capture more): its file says");
+        assert_eq!(found.len(), 4, "{found:?}");
+        for (line, words) in found.iter().zip(words) {
+            let begins = line.starts_with("capture \"a\" and 1 capture more: its file has");
             assert!(begins && line.contains(words), "{line}");
         }
-        assert!(set("white_level_dn = 1000", "exposure_s = 0.01")[0].contains("taken as mono"));
+        assert!(
+            set("white_level_dn = 1000", "exposure_s = 0.01")[0].contains("treated as monochrome")
+        );
     }
 
     /// A FITS file of 4 x 2 samples with these cards.
@@ -241,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn every_file_of_a_capture_is_held_against_the_manifest() {
+    fn every_file_of_a_capture_is_compared_with_the_manifest() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, cards: &str| {
             std::fs::write(folder.path().join(name), fits(cards)).unwrap();
@@ -253,12 +260,12 @@ mod tests {
                     [[capture]]\nid = \"c\"\nrole = \"dark\"\nfiles = \"c_*.fits\"\n\
                     exposure_s = 0.01\ntemperature_c = 20.0\n";
         std::fs::write(folder.path().join("captures.toml"), text).unwrap();
-        let told = CaptureSet::load(folder.path()).unwrap().contradictions();
-        assert_eq!(told.len(), 2, "{told:?}");
+        let found = CaptureSet::load(folder.path()).unwrap().contradictions();
+        assert_eq!(found.len(), 2, "{found:?}");
         let words = ["an exposure of 0.02 s", "a temperature of 40 °C"];
-        for (line, words) in told.iter().zip(words) {
+        for (line, words) in found.iter().zip(words) {
             let begins =
-                line.starts_with(&format!("capture \"c\": its file c_1.fits says {words}"));
+                line.starts_with(&format!("capture \"c\": its file c_1.fits has {words}"));
             assert!(begins, "{line}");
         }
     }
@@ -269,16 +276,16 @@ mod tests {
             analog_gain: gain,
             ..Capture::new("a", crate::Role::Flat, Vec::new(), 0.01)
         };
-        let seen = |capture, iso: f64| {
+        let with_iso = |capture, iso: f64| {
             let analog_gain = Some(Said::new(iso / 100.0, format!("ISO {iso}")));
             let taken = Taken { analog_gain, ..Taken::default() };
-            Seen { capture, file: Path::new("a.dng"), taken }
+            FileMetadata { capture, file: Path::new("a.dng"), taken }
         };
         // A camera whose base is ISO 200.
         let (one, two) = (capture(1.0), capture(2.0));
-        let base = seen(&one, 200.0);
-        assert_eq!(gain(&seen(&two, 400.0), &base), None);
-        let told = gain(&seen(&two, 200.0), &base).unwrap();
-        assert!(told.contains("a gain of 2 (ISO 200) where captures.toml has 2"), "{told}");
+        let base = with_iso(&one, 200.0);
+        assert_eq!(gain(&with_iso(&two, 400.0), &base), None);
+        let found = gain(&with_iso(&two, 200.0), &base).unwrap();
+        assert!(found.contains("a gain of 2 (ISO 200) where captures.toml has 2"), "{found}");
     }
 }

@@ -1,0 +1,190 @@
+//! A capture: one stack of frames, with the conditions under which it was taken.
+
+use schemars::JsonSchema;
+use std::path::PathBuf;
+
+/// The purpose of a capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Role {
+    /// No light.
+    Dark,
+    /// Uniform light.
+    Flat,
+    /// A slanted edge.
+    Edge,
+    /// A test chart.
+    Chart,
+    /// A grid of dots.
+    Dots,
+    /// Anything else.
+    Scene,
+    /// The crosstalk experiment: narrow-band collimated light on a rotated sensor.
+    Rotation,
+}
+
+/// Whether a capture is used for fitting or for validation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Split {
+    /// For fitting.
+    Fit,
+    /// For validation only.
+    Holdout,
+}
+
+/// A stack of repeated frames under the same conditions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capture {
+    /// Unique name within the set.
+    pub id: String,
+    /// Its purpose.
+    pub role: Role,
+    /// The frames' files in order of time.
+    pub files: Vec<PathBuf>,
+    /// Fit or hold-out; `None` where the manifest does not assign it.
+    pub split: Option<Split>,
+    /// Exposure time, s; 0 of bias frames (role `dark`).
+    pub exposure_s: f64,
+    /// Analog gain.
+    pub analog_gain: f64,
+    /// Sensor temperature, °C.
+    pub temperature_c: Option<f64>,
+    /// Requested exposure time, s, where it differs from the actual one.
+    pub exposure_requested_s: Option<f64>,
+    /// Id of the capture of which a frame was taken right before each frame of this one (image lag).
+    pub preceded_by: Option<String>,
+    /// The light; `None` in the dark.
+    pub light: Option<Light>,
+    /// The scene in front of the camera.
+    pub scene: Option<CapturedScene>,
+    /// Orientation of the sensor (role `rotation`).
+    pub rotation: Option<Rotation>,
+}
+
+impl Capture {
+    /// A stack of these files at unity gain, with all else unknown.
+    #[must_use]
+    pub fn new(id: impl Into<String>, role: Role, files: Vec<PathBuf>, exposure_s: f64) -> Self {
+        Self {
+            id: id.into(),
+            role,
+            files,
+            split: None,
+            exposure_s,
+            analog_gain: 1.0,
+            temperature_c: None,
+            exposure_requested_s: None,
+            preceded_by: None,
+            light: None,
+            scene: None,
+            rotation: None,
+        }
+    }
+}
+
+/// The light of a capture. Fields are those of the manifest; none is derived.
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Light {
+    /// Sensor-plane irradiance, W m⁻², at `wavelength_nm`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub irradiance_w_m2: Option<f64>,
+    /// Photons per pixel (pitch² area) and second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub photons_per_pixel_per_s: Option<f64>,
+    /// Wavelength of narrow-band light, nm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wavelength_nm: Option<f64>,
+    /// Illuminant name or file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub illuminant: Option<String>,
+    /// Scene illuminance, lx.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lux: Option<f64>,
+    /// Whether the light is known to be even over the sensor.
+    #[serde(default)]
+    pub uniformity: Uniformity,
+}
+
+/// Evenness of the light over the sensor.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Uniformity {
+    /// Even.
+    Flat,
+    /// The light itself may be uneven.
+    #[default]
+    Unknown,
+}
+
+/// The scene of an edge, chart, dots or scene capture.
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CapturedScene {
+    /// The scene, as specified on the command line.
+    pub scene: String,
+    /// Angle of the edge to the columns, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle_deg: Option<f64>,
+}
+
+impl CapturedScene {
+    /// The scene as specified on the command line, with `angle_deg` where the scene has no angle.
+    pub fn spec(&self) -> String {
+        match self.angle_deg {
+            Some(angle)
+                if self.scene.starts_with("slanted-edge") && !self.scene.contains("angle=") =>
+            {
+                let joint = if self.scene.contains(':') { ',' } else { ':' };
+                format!("{}{joint}angle={angle}", self.scene)
+            }
+            _ => self.scene.clone(),
+        }
+    }
+}
+
+/// Orientation of the sensor in the crosstalk experiment, and the point of it that is read.
+///
+/// `x` and `y` are -1..1 over the sensor's half width and half height; the light comes from the
+/// direction of the chief ray of that point: `tilt_x_deg` from the side of +x, `tilt_y_deg` from
+/// the side of +y, both direction angles (tan components of one direction).
+#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Rotation {
+    /// Point read, -1..1 over the half width.
+    pub x: f64,
+    /// Point read, -1..1 over the half height.
+    pub y: f64,
+    /// Tilt towards +x, degrees.
+    pub tilt_x_deg: f64,
+    /// Tilt towards +y, degrees.
+    pub tilt_y_deg: f64,
+    /// The scan that it belongs to.
+    #[serde(default)]
+    pub scan: Scan,
+    /// Whether the frames are a window of the sensor centred on the point, not the whole sensor.
+    #[serde(default)]
+    pub window: bool,
+}
+
+/// A scan of the crosstalk experiment.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scan {
+    /// The rectangular grid of points, which becomes the table.
+    #[default]
+    Grid,
+    /// About the vertical axis: points along the horizontal one.
+    Horizontal,
+    /// About the horizontal axis: points along the vertical one.
+    Vertical,
+    /// Along the diagonal from the top left.
+    Diagonal,
+    /// Along the diagonal from the bottom left.
+    Antidiagonal,
+}
