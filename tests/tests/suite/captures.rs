@@ -98,7 +98,10 @@ fn a_real_camera_s_frames_need_what_they_do_not_say_and_no_more() {
     }
     let said = told(&camrig_ok(dir.path(), "captures new set --bits 12 --black 10 --gain 1"));
     let unknown = said.lines().find(|line| line.starts_with("not in the files:")).unwrap();
-    assert!(unknown.starts_with("not in the files: exposure_s of 11 captures. Replace"), "{unknown}");
+    assert!(
+        unknown.starts_with("not in the files: exposure_s of 11 captures. Replace"),
+        "{unknown}"
+    );
     let checked = camrig(dir.path(), "captures check set");
     assert_eq!(checked.status.code(), Some(2));
     let said = told(&checked);

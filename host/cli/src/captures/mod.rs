@@ -27,12 +27,10 @@ enum Command {
 /// everything in the frames that is not the steady behaviour of the sensor: copies, codes with a
 /// step, processing, particle hits, pixels that change, wrong labels of light, drift, start-up
 #[derive(clap::Args, Debug)]
-#[command(
-    after_help = "Exit status 0 if nothing was found, 1 if something was, 2 if the set \
+#[command(after_help = "Exit status 0 if nothing was found, 1 if something was, 2 if the set \
     cannot be read. `camrig diagnose` and `camrig compare` clean sets in the same way. \
     Examples:\n  \
-    camrig captures check captures"
-)]
+    camrig captures check captures")]
 pub struct CheckArgs {
     /// Capture set: a directory with captures.toml
     captures: PathBuf,
@@ -72,7 +70,8 @@ fn check(args: &CheckArgs) -> Result<ExitCode> {
     }
     let contradictions = set.contradictions();
     let bar = looking(&set)?;
-    let cleaned = Cleaned::inspect(set, &Options::default().with_progress(&|n| bar.inc(n as u64)))?;
+    let cleaned =
+        Cleaned::inspect(set, &Options::default().with_progress(&|n| bar.inc(n as u64)))?;
     bar.finish_and_clear();
     let found = cleaned.findings();
     if args.json {

@@ -103,9 +103,8 @@ impl Given {
 impl Opened {
     /// The black level, which figures above black need.
     fn black(&self) -> Result<f64> {
-        self.black.ok_or_else(|| {
-            Error::input("the file has no black level").help("provide --black DN")
-        })
+        self.black
+            .ok_or_else(|| Error::input("the file has no black level").help("provide --black DN"))
     }
 
     /// The letters requested: all channels, or one.

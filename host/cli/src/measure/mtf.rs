@@ -1,6 +1,6 @@
 //! `camrig measure mtf`: the response over slanted edges of frames.
 
-use super::frames::{Given, Opened, roi, note_assumed_mono};
+use super::frames::{Given, Opened, note_assumed_mono, roi};
 use super::{PageArgs, plus_minus};
 use crate::arguments::positive;
 use camrig_base::{Error, Plane, Result};

@@ -8,13 +8,13 @@ use camrig_captures::CaptureSet;
 use camrig_measure::value::Value;
 use camrig_measure::{mtf, ptc};
 
-/// Highest frequency that is drawn, cycles/pixel.
-const MAX_FREQUENCY: f64 = 1.0;
-/// Height of the plot of a response relative to its largest value.
-const HEADROOM: f64 = 1.1;
-/// Range of an edge's profile that is drawn, pixels to each side: beyond it is only noise.
-const EDGE_RANGE: f64 = 12.0;
-/// Half width of a band, standard errors.
+/// Frequency up to which responses are drawn, cycles/pixel.
+const HIGHEST: f64 = 1.0;
+/// Height of the plot of a response over its largest value.
+const ABOVE: f64 = 1.1;
+/// Part of an edge's profile that is drawn, pixels to each side: beyond it is noise alone.
+const BESIDE_EDGE: f64 = 12.0;
+/// Standard errors that a band reaches on each side.
 const BAND: f64 = 2.0;
 
 /// The page of a photon transfer.
@@ -60,7 +60,7 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
 fn transfer(result: &ptc::Ptc) -> Plot {
     let mut plot = Plot::new("Photon transfer", "signal above dark, DN", "temporal variance, DN²");
     plot.log_x().log_y();
-    let mut excluded = Vec::new();
+    let mut left_out = Vec::new();
     for channel in &result.channels {
         let of = |used: bool| {
             let points = channel.curve.iter().filter(move |p| p.used == used);
@@ -69,26 +69,20 @@ fn transfer(result: &ptc::Ptc) -> Plot {
         let (name, colour) = (&channel.channel, Colour::of_channel(&channel.channel));
         let points: Vec<[f64; 3]> = of(true).collect();
         plot.with_errors(&capitalised(name), Mark::Points, colour, &points);
-        excluded.extend(of(false).map(|p| [p[0], p[1]]));
+        left_out.extend(of(false).map(|p| [p[0], p[1]]));
     }
-<<<<<<< HEAD
     let rest = if left_out.is_empty() { "" } else { " Rings: not used in the fit." };
     if !left_out.is_empty() {
         plot.series("not used", Mark::Hollow, Colour::Reference, left_out);
-=======
-    let rest = if excluded.is_empty() { "" } else { " Rings: not in the fit." };
-    if !excluded.is_empty() {
-        plot.series("excluded", Mark::Hollow, Colour::Reference, excluded);
->>>>>>> 9a65b72 (Manifest keys in the reference, pages of measurements and front pages in plain words)
     }
     plot.note(&format!("One dot per capture, with an error bar of one standard error.{rest}"));
     plot
 }
 
-/// Selects a figure of a channel or of the sensor.
-type Select = fn(&ptc::Figures) -> &Option<Value>;
+/// Takes a figure from all of a channel or of the sensor.
+type Take = fn(&ptc::Figures) -> &Option<Value>;
 
-const FIGURES: [(&str, &str, Select); 15] = [
+const FIGURES: [(&str, &str, Take); 15] = [
     ("System gain", "DN/e⁻", |f| &f.system_gain_dn_per_e),
     ("Read noise", "e⁻", |f| &f.read_noise_e),
     ("Full well", "e⁻", |f| &f.full_well_e),
@@ -116,8 +110,8 @@ fn figures(result: &ptc::Ptc) -> Table {
     }
     let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
     let mut table = Table::new(&["figure", "unit"]).numbers(&heads);
-    for (name, unit, select) in FIGURES {
-        let cell = |figures: &&ptc::Figures| match select(figures) {
+    for (name, unit, take) in FIGURES {
+        let cell = |figures: &&ptc::Figures| match take(figures) {
             Some(v) => with_error(v.value, Some(v.std_error)),
             None => NOT_DETERMINED.into(),
         };
@@ -131,14 +125,9 @@ fn figures(result: &ptc::Ptc) -> Table {
 /// The page of slanted edges. `pitch_um` is the side of a pixel, where it is known.
 pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
     let mut page = Page::new("Slanted-edge response");
-<<<<<<< HEAD
     page.kind("Measurement")
         .subtitle(&format!("{name} · ISO 12233:2023, applied to raw channels"));
     // Of several edges, those nearest the centre.
-=======
-    page.kind("Measurement").subtitle(&format!("{name} · after ISO 12233:2023, on raw channels"));
-    // Key figures are of the edges nearest the centre.
->>>>>>> 9a65b72 (Manifest keys in the reference, pages of measurements and front pages in plain words)
     let nearest = edges.iter().map(|e| e.field).fold(f64::INFINITY, f64::min);
     let central = edges.iter().filter(|e| e.field == nearest);
     let cards: Vec<KeyFigure> = central.map(|edge| card(edge, pitch_um)).collect();
@@ -171,11 +160,7 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
             format!("{:.0}", e.position[0]),
             format!("{:.0}", e.position[1]),
             with_error(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error)),
-<<<<<<< HEAD
             pitch_um.map_or_else(|| "unknown pitch".into(), per_mm),
-=======
-            pitch_um.map_or_else(|| "pitch unknown".into(), per_mm),
->>>>>>> 9a65b72 (Manifest keys in the reference, pages of measurements and front pages in plain words)
             e.mtf_at_nyquist
                 .map_or_else(|| NOT_DETERMINED.into(), |v| with_error(v, at_nyquist(e))),
             number(e.angle_deg),
@@ -188,17 +173,13 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
     page.rows(&table);
     page.small(
         "Value ± standard error, from a jackknife over tenths of the rows, or from the spread \
-<<<<<<< HEAD
          between frames if that is larger. Field: distance from the centre divided by half the \
-=======
-         between frames if that is larger. Field: distance from the centre relative to half the \
->>>>>>> 9a65b72 (Manifest keys in the reference, pages of measurements and front pages in plain words)
          diagonal; x to the right and y down from the centre.",
     );
     page
 }
 
-/// A name for each edge: its channel, with the number of its region where there are several.
+/// A name of each edge: its channel, with the number of its region where there are several.
 fn names(edges: &[mtf::Edge]) -> Vec<String> {
     let mut regions: Vec<mtf::Roi> = Vec::new();
     for edge in edges {
@@ -234,8 +215,8 @@ fn response(edges: &[mtf::Edge]) -> Plot {
     let mut plot = Plot::new("MTF", "spatial frequency, cycles/pixel", "response, 1");
     let responses = edges.iter().flat_map(|e| &e.curve).map(|p| p[1]);
     let top = responses.fold(1.0, f64::max);
-    plot.x_range(0.0, MAX_FREQUENCY)
-        .y_range(0.0, HEADROOM * top)
+    plot.x_range(0.0, HIGHEST)
+        .y_range(0.0, ABOVE * top)
         .limit_x(0.5, "Nyquist")
         .limit_y(0.5, "MTF50");
     for edge in edges {
@@ -248,11 +229,7 @@ fn response(edges: &[mtf::Edge]) -> Plot {
         plot.series(&name, Mark::Line, colour, edge.curve.clone());
     }
     plot.note(
-<<<<<<< HEAD
         "Includes the pixel aperture. Bands: two standard errors. Nyquist frequency of the pixel \
-=======
-        "Includes the pixel aperture. Bands: two standard errors. Nyquist is that of the pixel \
->>>>>>> 9a65b72 (Manifest keys in the reference, pages of measurements and front pages in plain words)
          grid.",
     );
     plot
@@ -265,12 +242,7 @@ fn spread(edges: &[mtf::Edge]) -> Plot {
         let colour = Colour::of_channel(&edge.channel);
         plot.series(&name, Mark::Line, colour, edge.spread.clone());
     }
-<<<<<<< HEAD
     plot.x_range(-BESIDE_EDGE, BESIDE_EDGE);
     plot.note("Samples along the edge normal, in bins of a quarter of the channel's pitch.");
-=======
-    plot.x_range(-EDGE_RANGE, EDGE_RANGE);
-    plot.note("Samples along the edge's normal, in bins of a quarter of the channel's pitch.");
->>>>>>> 9a65b72 (Manifest keys in the reference, pages of measurements and front pages in plain words)
     plot
 }
