@@ -48,8 +48,11 @@ fn main() -> Result<()> {
                 "frame {number} differs from this process's"
             )));
         }
-        let (channel, mean_dn, _) = &frame.channel_means()[0];
-        println!("frame {number}: mean of {channel} {mean_dn:.2} DN, the same bytes as here");
+        let channel = &frame.channel_means()[0];
+        println!(
+            "frame {number}: mean of {} {:.2} DN, the same bytes as here",
+            channel.name, channel.mean_dn
+        );
     }
     Ok(())
 }

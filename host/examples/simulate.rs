@@ -35,8 +35,9 @@ fn main() -> Result<()> {
     let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
     let settings = camera.settings(0, 0.020, None);
     let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
-    for (channel, mean_dn, saturated) in frame.channel_means() {
-        println!("{channel}: {mean_dn:.1} DN, {:.1} % saturated", 100.0 * saturated);
+    for channel in frame.channel_means() {
+        let saturated = 100.0 * channel.saturated;
+        println!("{}: {:.1} DN, {saturated:.1} % saturated", channel.name, channel.mean_dn);
     }
 
     let info = render::dng_info(&camera, &settings, Some(&light), "colorchecker")?;

@@ -44,9 +44,9 @@
 //! let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
 //! let settings = camera.settings(0, 0.010, None); // frame 0, seconds, the camera file's gain
 //! let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
-//! for (channel, mean_dn, saturated) in frame.channel_means() {
-//!     println!("{channel}: {mean_dn:.1} DN, {:.1} % saturated", 100.0 * saturated);
-//!     assert!(mean_dn > frame.black_level_dn && saturated == 0.0);
+//! for channel in frame.channel_means() {
+//!     println!("{}: {:.1} DN", channel.name, channel.mean_dn);
+//!     assert!(channel.mean_dn > frame.black_level_dn && channel.saturated == 0.0);
 //! }
 //! # Ok(())
 //! # }

@@ -241,8 +241,10 @@ fn channel_figures(frame: &RawFrame) -> Value {
     frame
         .channel_means()
         .into_iter()
-        .map(|(name, mean_dn, saturated)| {
-            (name, json!({ "mean_dn": mean_dn, "saturated_fraction": saturated }))
+        .map(|channel| {
+            let figures =
+                json!({ "mean_dn": channel.mean_dn, "saturated_fraction": channel.saturated });
+            (channel.name, figures)
         })
         .collect::<serde_json::Map<_, _>>()
         .into()

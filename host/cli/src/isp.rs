@@ -118,10 +118,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;
     let settings = camera.settings(0, args.exposure, None);
     let raw = sensor.frame(&view.cube, None, &settings, Default::default())?;
-    for (channel, _, saturated) in raw.channel_means() {
-        if saturated > WARN_SATURATED {
+    for channel in raw.channel_means() {
+        if channel.saturated > WARN_SATURATED {
             eprintln!(
-                "warning: channel {channel} saturates; its colours are wrong: shorten the exposure"
+                "warning: channel {} saturates; its colours are wrong: shorten the exposure",
+                channel.name
             );
         }
     }

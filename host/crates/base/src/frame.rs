@@ -21,9 +21,20 @@ pub struct RawFrame {
     pub data: Vec<u16>,
 }
 
+/// What the samples of one channel are on average.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChannelMean {
+    /// Name of the channel, its letter in small.
+    pub name: String,
+    /// Mean, DN.
+    pub mean_dn: f64,
+    /// Fraction of the samples at or above the white level, 0 to 1.
+    pub saturated: f64,
+}
+
 impl RawFrame {
-    /// Name, mean (DN) and saturated fraction (0 to 1) of each channel, in channel order.
-    pub fn channel_means(&self) -> Vec<(String, f64, f64)> {
+    /// Mean and saturated fraction of each channel, in channel order.
+    pub fn channel_means(&self) -> Vec<ChannelMean> {
         let channels = self.cfa.channels();
         let mut sums = vec![(0u64, 0u64, 0u64); channels.len()];
         for (y, row) in self.data.chunks(self.width).enumerate() {
@@ -38,7 +49,11 @@ impl RawFrame {
         }
         let figures = |(c, (sum, count, full)): (&char, (u64, u64, u64))| {
             let n = count.max(1) as f64;
-            (c.to_lowercase().to_string(), sum as f64 / n, full as f64 / n)
+            ChannelMean {
+                name: c.to_lowercase().to_string(),
+                mean_dn: sum as f64 / n,
+                saturated: full as f64 / n,
+            }
         };
         channels.iter().zip(sums).map(figures).collect()
     }

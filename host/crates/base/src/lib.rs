@@ -1,9 +1,10 @@
-//! What every crate of camrig shares.
+//! What every crate of camrig shares, above all [`RawFrame`]: samples of a sensor in digital numbers
+//! (DN), with what is needed to interpret them.
 //!
 //! * [`Error`]: what is wrong, of which [`ErrorKind`], where, and what would be right;
-//! * [`Plane`], [`RawFrame`] and [`Cfa`]: rectangles of values, row by row from the top; raw
-//!   frames in digital numbers (DN) with their colour filter pattern;
+//! * [`Plane`] and [`Cfa`]: rectangles of values, row by row from the top; colour filter patterns;
 //! * [`Spectrum`], [`Bands`] and [`table`]: curves over wavelength (nm) and their CSV files;
+//!   [`unit`]: the units of instruments and files;
 //! * [`output`]: files and directories that appear whole or not at all, and outputs that are read
 //!   while they are written; [`stop`]: work that a signal stops between two pieces;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
@@ -28,8 +29,8 @@
 //!     white_level_dn: 1023,
 //!     data: vec![500, 900, 1023, 300],
 //! };
-//! let (name, mean_dn, saturated) = frame.channel_means().swap_remove(1);
-//! assert_eq!((&*name, mean_dn, saturated), ("g", 961.5, 0.5));
+//! let green = &frame.channel_means()[1];
+//! assert_eq!((&*green.name, green.mean_dn, green.saturated), ("g", 961.5, 0.5));
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
@@ -63,6 +64,6 @@ pub mod unit;
 pub use cfa::Cfa;
 pub use error::{Error, ErrorKind, Result};
 pub use error_code::ErrorCode;
-pub use frame::RawFrame;
+pub use frame::{ChannelMean, RawFrame};
 pub use plane::Plane;
 pub use spectrum::{Bands, Outside, Spectrum};

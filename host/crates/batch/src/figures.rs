@@ -118,8 +118,9 @@ pub fn of(
 ) -> Figures {
     let (chart, options) = scene.split_once(':').unwrap_or((scene, ""));
     let mut channels = Map::new();
-    for (index, (name, mean_dn, saturated)) in frame.channel_means().into_iter().enumerate() {
-        let mut figures = json!({ "mean_dn": mean_dn, "saturated_fraction": saturated });
+    for (index, channel) in frame.channel_means().into_iter().enumerate() {
+        let mut figures =
+            json!({ "mean_dn": channel.mean_dn, "saturated_fraction": channel.saturated });
         if chart == "uniform" && wanted.has("snr_db") {
             figures["snr_db"] = json!(snr_db(frame, index));
         }
@@ -134,7 +135,7 @@ pub fn of(
                 figures["mtf50_missing"] = json!(why.what());
             }
         }
-        channels.insert(name, figures);
+        channels.insert(channel.name, figures);
     }
     let mut picture = Map::new();
     let colour = frame.cfa.channels() == ['R', 'G', 'B'];

@@ -1,4 +1,5 @@
-//! File formats of raw frames: readers and writers, one module per format.
+//! File formats of raw frames: readers and writers, one module per format. The principal type is
+//! [`Frames`]: what a file holds.
 //!
 //! Readers and writers are pure functions between bytes and [`Frames`], which holds samples in
 //! digital numbers (DN) and what the file says about them ([`Facts`]: bits per sample, colour

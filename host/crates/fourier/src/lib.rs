@@ -1,5 +1,5 @@
-//! Fourier transforms: of many short sequences with the same bits on every machine, and plans of
-//! established libraries for analysis.
+//! Fourier transforms. The principal type is [`lanes::Fft`]: many short sequences at once, with the
+//! same bits on every machine; [`plans`] has those of established libraries for analysis.
 //!
 //! - [`lanes`] transforms sixteen sequences of f32 side by side. Blurs use it, because their bytes
 //!   must not depend on the processor. Lengths are products of 2, 3 and 5.

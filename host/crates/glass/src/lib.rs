@@ -1,5 +1,6 @@
-//! Optical glasses: refractive index over wavelength, by catalogue name, formula, table or n_d,
-//! V_d, and catalogue files.
+//! Optical glasses. The principal type is [`Glass`]: refractive index over wavelength, by catalogue
+//! name, formula, table or n_d and V_d. A [`Catalogue`] finds glasses by name, built in or from
+//! files.
 //!
 //! Indices are relative to air at 20 °C and 1 atm, as catalogues give them; ray tracers take air
 //! as 1. Wavelengths are in air, nm at the interface and µm inside the formulas.

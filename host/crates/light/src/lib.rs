@@ -1,7 +1,8 @@
-//! Light and colour: [`illuminant`]s and their levels, [`lamp`]s that change with time, CIE
-//! [`photometry`], colour difference, and the spectra of [`colour`]s.
+//! Light and colour. The principal type is [`Illuminant`]: a relative spectrum, by its CIE name, its
+//! colour temperature or from a table.
 //!
-//! An illuminant is a relative spectrum. A [`LightLevel`] in lux or cd/m² makes it absolute:
+//! [`lamp`]s change with time; [`photometry`] is the CIE's, [`delta_e`] its colour difference, and
+//! [`colour`] estimates spectra of colours. A [`LightLevel`] in lux or cd/m² makes it absolute:
 //! [`photometry::white_radiance`] is what a perfect white diffuser sends back, W m⁻² sr⁻¹ nm⁻¹.
 //!
 //! # Example

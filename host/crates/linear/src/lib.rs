@@ -1,4 +1,5 @@
-//! Least squares, inverses and decompositions of small matrices of double precision.
+//! Linear algebra of small matrices of double precision. The principal type is [`LeastSquares`]: a
+//! fit with its covariance; inverses and decompositions are functions.
 //!
 //! The algorithms are those of `nalgebra`, which is generic: what is called through this crate is
 //! compiled here, once, instead of in every crate that fits something.

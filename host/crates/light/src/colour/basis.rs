@@ -13,7 +13,7 @@
 use super::channel_planes::over_white;
 use super::gamut::reach;
 use super::lattice::{SIDE, node};
-use super::smoothest::{Curve, Domain, Smoothest};
+use super::smoothest::{Curve, Domain, Smoothest, dot};
 use camrig_base::Result;
 use rayon::prelude::*;
 
@@ -114,10 +114,6 @@ fn samples(domain: Domain, units: &Curve) -> Result<Vec<Vec<f64>>> {
         values.iter().zip(units).map(|(value, unit)| value * unit).collect()
     };
     Ok(colours.par_iter().map(spectrum).collect())
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]

@@ -242,7 +242,8 @@ impl Smoothest {
     }
 }
 
-fn dot(a: &Curve, b: &Curve) -> f64 {
+/// Σ a·b.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
