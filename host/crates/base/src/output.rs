@@ -1,6 +1,6 @@
 //! Outputs that are written whole or not at all.
 //!
-//! A file or directory is made beside its final place and gets its name when it is complete;
+//! A file or directory is written next to its final place and gets its name when it is complete;
 //! dropping it unfinished (an error, a panic) removes it. On Linux an unfinished file has no name
 //! at all (`O_TMPFILE`), so that not even SIGKILL leaves one behind; elsewhere, and on file
 //! systems without that, it has a hidden temporary name. What already exists is replaced only when

@@ -71,7 +71,7 @@ impl PartialEq for Spectrum {
     }
 }
 
-/// The curve alone, as it tells curves apart in keys.
+/// The curve alone, which identifies it in keys.
 impl std::fmt::Debug for Spectrum {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let mut debug = f.debug_struct("Spectrum");

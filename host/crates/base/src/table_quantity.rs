@@ -43,7 +43,7 @@ enum Kind {
     Reflectance,
     Efficiency,
     Responsivity,
-    /// Minus the decimal logarithm of a transmittance, in so many.
+    /// Minus the decimal logarithm of a transmittance, in units of this size.
     Absorbance(f64),
     Power,
     Photons,
@@ -168,7 +168,7 @@ const NAMES: &[(&[&str], Kind)] = &[
     (&["1-t", "1-r", "1-qe", "1/t", "1/r", "100-t", "100-r"], Kind::Other(REST)),
 ];
 
-/// Names of the columns of a quantum efficiency beside single letters.
+/// Names of the columns of a quantum efficiency other than single letters.
 const CHANNELS: &[&str] =
     &["red", "green", "blue", "gr", "gb", "mono", "monochrome", "clear", "white", "nir", "ir"];
 
@@ -203,7 +203,7 @@ struct Named {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Scale {
     Linear(Unit),
-    /// Minus the decimal logarithm, in so many.
+    /// Minus the decimal logarithm, in units of this size.
     Absorbance(f64),
     Decibels,
     DecibelMilliwatts,
@@ -231,15 +231,16 @@ pub enum Quantity {
     Plain,
     /// Fractions in a unit such as per cent.
     Fraction(Unit),
-    /// Photocurrent over power, in so many A/W.
+    /// Photocurrent over power; size of its unit in A/W.
     Responsivity(f64),
-    /// Minus the decimal logarithm of a transmittance (absorbance, optical density), in so many.
+    /// Minus the decimal logarithm of a transmittance (absorbance, optical density); size of its
+    /// unit.
     Absorbance(f64),
     /// Ten times the decimal logarithm of a transmittance.
     Decibels,
     /// Ten times the decimal logarithm of a power in mW.
     DecibelMilliwatts,
-    /// Numbers of so many photons.
+    /// Numbers of photons; how many its unit is.
     Photons(f64),
     /// Power per frequency, wavenumber or energy: times which it is a power per nm over the square
     /// of the wavelength in nm.
@@ -313,7 +314,7 @@ impl Quantity {
         }
     }
 
-    /// What the user is told that the values are taken as, if it is not what was wanted.
+    /// The note on what the values are taken as, if that is not what was wanted.
     pub fn told(self, wanted: Wanted) -> Option<String> {
         let name = match self {
             Self::Plain => return None,

@@ -21,7 +21,7 @@ pub struct LiveEncoder {
     recording: Option<Recording>,
 }
 
-/// What goes into a stream beside the pixels of a frame.
+/// What goes into a stream apart from the pixels of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Beside {
     /// CSI-2 frame number, 1 to 65535; counted from 1 where not given.

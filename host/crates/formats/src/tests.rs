@@ -281,7 +281,7 @@ fn black_levels_of_signed_types_are_read() {
 }
 
 /// Bad pixels of list 1 have their places in the stored image, gain maps of list 2 theirs in the
-/// active area; what is not kept is told, and so is an orientation.
+/// active area; notes say what is not kept, and an orientation.
 #[test]
 fn corrections_go_with_the_crop_and_others_are_told() {
     let word = |v: u32| v.to_be_bytes();
@@ -311,7 +311,7 @@ fn corrections_go_with_the_crop_and_others_are_told() {
     let kept = whole.dng.unwrap().opcode_list1;
     assert_eq!(kept, points(0, vec![(1, 2), (0, 0), (2, 3)]));
     let cropped = facts(tags);
-    // Rows from 1 on: the phase is that of a green pixel beside blue ones.
+    // Rows from 1 on: the phase is that of a green pixel next to blue ones.
     assert_eq!(cropped.dng.unwrap().opcode_list1, points(2, vec![(0, 0), (1, 1)]));
     // A gain map's grid is of the whole image.
     let gains = info().opcode_list2.remove(0);
@@ -326,7 +326,7 @@ fn corrections_go_with_the_crop_and_others_are_told() {
     }
 }
 
-/// Levels that are no numbers are refused; those above what samples hold are told.
+/// Levels that are no numbers are refused; those above what samples hold have a note.
 #[test]
 fn levels_that_cannot_be_are_refused_or_told() {
     // The fraction 0/0, and 4095/1, stand among the samples.

@@ -346,7 +346,7 @@ mod tests {
         }
     }
 
-    /// Fields that would change the samples are refused, an orientation is told.
+    /// Fields that would change the samples are refused; an orientation has a note.
     #[test]
     fn fields_that_samples_depend_on_are_refused_or_told() {
         let reversed = decode(&with_field(266, 3, 1, 2)).unwrap_err().to_string();

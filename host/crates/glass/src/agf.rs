@@ -9,7 +9,7 @@ use crate::{D_LINE, Dispersion, Found, Glass, key};
 use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
-/// Difference of n_d between a glass's formula and the value printed beside it from which on the
+/// Difference of n_d between a glass's formula and the value printed with it from which on the
 /// two are not the same glass.
 const MISPRINT: f64 = 1e-3;
 
@@ -122,7 +122,7 @@ impl Entry {
         Ok(Found { glass, note, replaced: None })
     }
 
-    /// A word on a formula that does not give the n_d printed beside it.
+    /// A note on a formula that does not give the n_d printed with it.
     fn misprint(&self, glass: &Glass) -> Option<String> {
         let printed: f64 = self.nd.parse().ok().filter(|n| *n > 1.0)?;
         let inside = (glass.range_nm[0]..=glass.range_nm[1]).contains(&(D_LINE * 1e3));

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 /// Difference of index at the C, d and F lines up to which two glasses are the same one.
 const ALIKE: f64 = 1e-4;
-/// Difference of index up to which nothing is told of a glass that replaces another: the last
+/// Difference of index up to which a glass replaces another without a note: the last
 /// digit of makers' catalogues.
 const SAME: f64 = 1e-6;
 /// Materials that belong to no maker.
@@ -56,7 +56,7 @@ impl Found {
         Self { glass, note: None, replaced: None }
     }
 
-    /// The glass of a lens that has these wavelengths, nm; what there is to tell of it is added to
+    /// The glass of a lens that has these wavelengths, nm; notes on it are added to
     /// `notes`, once.
     #[must_use]
     pub fn noted(self, wavelengths_nm: &[f64], notes: &mut Vec<String>) -> Glass {
@@ -420,7 +420,7 @@ mod tests {
             assert_eq!(told("schott", SCHOTT + 1e-6, makers), [""; 0]);
         }
         assert_eq!(told("schott", SCHOTT - 1e-5, &["schott"]).len(), 1);
-        // Where the file names no catalogue, a glass that is nearly the same is told too.
+        // Where the file names no catalogue, a glass that is nearly the same has a note too.
         let notes = told("melts", SCHOTT + 1e-4, &[]);
         assert!(notes.len() == 1 && notes[0].contains("that of melts.agf"), "{notes:?}");
         assert_eq!(told("melts", SCHOTT + 1e-4, &["melts"]), [""; 0]);

@@ -12,7 +12,7 @@
 //! let found = Catalogue::default().find("F6", &["schott".into()])?;
 //! assert!((found.glass.index(587.5618)? - 1.63636).abs() < 5e-6);
 //!
-//! // What a patent tells: n_d and V_d.
+//! // What a patent states: n_d and V_d.
 //! let model = Glass::model(1.5168, 64.17)?;
 //! assert!((model.index(486.1327)? - 1.5224).abs() < 1e-4);
 //! # Ok::<(), camrig_base::Error>(())

@@ -11,7 +11,7 @@
 //! | `blackbody:3200` | Planck's law, c2 = 1.438776877e-2 m K (CODATA 2018) |
 //! | `FILE.csv` | `wavelength_nm,power`, or as other programs write such tables |
 //!
-//! Outside its table an illuminant keeps its end value, which is told of tables in files.
+//! Outside its table an illuminant keeps its end value; a note says so for tables in files.
 
 use camrig_base::table::{SpectralTable, Wanted, built_in};
 use camrig_base::{Bands, Error, Result, Spectrum};

@@ -85,7 +85,7 @@ fn packings_of_machine_vision() {
     }
 }
 
-/// A pattern without a name goes out as words without colour filters, and is told; a Bayer pattern
+/// A pattern without a name goes out as words without colour filters, with a note; a Bayer pattern
 /// has names of its own.
 #[test]
 fn patterns_without_a_name_are_left_out_and_told() {

@@ -12,7 +12,7 @@ pub fn over_white(channel: &[f64], white: &[f64]) -> Option<Vec<f64>> {
     (of_white > 0.0).then(|| channel.iter().map(|seen| seen / of_white).collect())
 }
 
-/// What the channels of a sensor see, beside white.
+/// What the channels of a sensor see, relative to white.
 pub struct ChannelPlanes {
     white: Vec<f64>,
     /// What each channel sees of each band, over what it sees of white; none of a channel that

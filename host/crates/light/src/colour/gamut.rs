@@ -37,7 +37,7 @@ pub fn reach(smoothest: &Smoothest, domain: Domain, rgb: [f64; 3]) -> Reached {
     Reached { values, delta_e: difference(rgb, smoothest.colour(&values), domain) }
 }
 
-/// ΔE2000 of two colours in linear sRGB: beside white for reflectances, beside the larger of their
+/// ΔE2000 of two colours in linear sRGB: relative to white for reflectances, to the larger of their
 /// components for emissions.
 pub fn difference(one: [f64; 3], two: [f64; 3], domain: Domain) -> f64 {
     let largest = one.iter().chain(&two).copied().fold(f64::MIN_POSITIVE, f64::max);

@@ -30,7 +30,7 @@ pub const COUNT: usize = Bands::VISIBLE.count;
 /// A value per band.
 pub type Curve = [f64; COUNT];
 
-/// Weight of u itself beside its steps: it decides where neither colour nor smoothness does,
+/// Weight of u itself relative to its steps: it decides where neither colour nor smoothness does,
 /// beyond the observer's ends.
 const EPSILON: f64 = 1e-4;
 /// Reflectances asked for keep this distance from 0 and 1, which u reaches at infinity only: a
@@ -44,7 +44,7 @@ const DARKEST_EMISSION: f64 = -30.0;
 /// Steps after which the search ends: beside the faces of the cube u goes on to move where it is
 /// large, and reflectances hardly change.
 const MAX_STEPS: usize = 60;
-/// Steps after which a residual that is still far tells that no spectrum has the colour: those that
+/// Steps after which a residual that is still large means that no spectrum has the colour: those that
 /// have one come within it in ten.
 const TRIED_STEPS: usize = 20;
 const FAR: f64 = 1e-2;

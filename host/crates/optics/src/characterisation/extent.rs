@@ -227,7 +227,7 @@ mod tests {
         extent.notes("x", &*lens, &grid, bands)
     }
 
-    /// The share of a frame that a note tells.
+    /// The share of a frame that a note states.
     fn share(note: &str) -> f64 {
         let (before, _) = note.split_once(" % of the frame").unwrap();
         before.rsplit(' ').next().unwrap().parse().unwrap()

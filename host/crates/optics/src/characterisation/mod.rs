@@ -18,7 +18,7 @@
 //!   effect of distortion on the solid angle: the engine applies it once, and no Jacobian.
 //! - Between heights: monotone cubic; between wavelengths: linear. Outside the table: distortion
 //!   goes on along its end slope, illumination and angle keep their end values, PSFs are those of
-//!   the end; [`extent`] tells where a sensor or its light goes beyond.
+//!   the end; [`extent`] finds where a sensor or its light goes beyond.
 
 mod directory;
 mod disk;

@@ -11,7 +11,7 @@
 //!   of the field, where the field angles are 0.
 //! - Between places: bicubic, PSFs bilinear; between wavelengths: linear. Outside the table:
 //!   distortion goes on along its end slopes, illumination and PSFs keep their values at the edge;
-//!   [`super::extent`] tells where a sensor or its light goes beyond.
+//!   [`super::extent`] finds where a sensor or its light goes beyond.
 
 use super::{Between, axis, bracket, positive, table};
 use crate::bicubic::BicubicTable;
@@ -297,7 +297,7 @@ pub(super) mod tests {
         (0..size * size).map(|k| (value(k) / sum) as f32).collect()
     }
 
-    /// A lens over heights whose spots are round, and the same told over the plane.
+    /// A lens over heights whose spots are round, and the same lens over the plane.
     pub(in super::super) fn twice(
         heights: usize,
         nodes: usize,

@@ -99,7 +99,7 @@ impl FallOff {
 
     /// Multiplies by steradians and relative illumination at the pixel centres, then spreads the
     /// veiling glare: E ← (1−g)·E + g·mean(E). Rounding and the cut at the cell grid's Nyquist
-    /// frequency can leave values just below 0 beside bright points; irradiance is not negative,
+    /// frequency can leave values just below 0 next to bright points; irradiance is not negative,
     /// so they become 0.
     pub fn apply(&self, plane: &mut Plane<f32>) {
         let Self { grid, axis_mm, steradians, ratio, glare } = self;

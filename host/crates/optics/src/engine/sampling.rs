@@ -1,6 +1,6 @@
 //! The cell grid: how finely the scene is sampled, and how far beyond the frame.
 //!
-//! A scene averaged over cells of side h and sampled at their centres holds, beside its own
+//! A scene averaged over cells of side h and sampled at their centres holds, apart from its own
 //! spectrum, replicas shifted by multiples of 1/h. The engine divides out the cell's own sinc, so
 //! the baseband is exact, and what remains of the replicas is the error. For the hardest scene, a
 //! unit step (spectrum 1/(2πif)), replica k at frequency f has the size f/(f+k/h)² /(2π); summed

@@ -1,4 +1,4 @@
-//! A band beside the band by whose mapping the scene is distorted.
+//! A band relative to the band by whose mapping the scene is distorted.
 
 use crate::engine::{Lens, OverField, SensorGrid};
 
