@@ -1,11 +1,11 @@
 //! The device of a camera rig: the sensor model of `camrig-sensor-core` behind the link of
 //! `camrig-rig-link`.
 //!
-//! The principal type is [`Rig`]. It receives a camera and then, frame by frame, spectral rows (irradiance in W m⁻² nm⁻¹ per
-//! band, or mean photo-electrons per second), and answers with packed raw rows in digital numbers
-//! (DN). The same code is the emulator on a workstation and the firmware of a microcontroller. No
-//! allocator: whoever starts a rig hands it its [`Memory`], whose sizes are the rig's limits. From
-//! top to bottom:
+//! The principal type is [`Rig`]. It receives a camera and then, frame by frame, spectral rows
+//! (irradiance in W m⁻² nm⁻¹ per band, or mean photo-electrons per second), and answers with
+//! packed raw rows in digital numbers (DN). The same code is the emulator on a workstation and the
+//! firmware of a microcontroller. No allocator: the firmware hands a rig its [`Memory`], whose
+//! sizes are the rig's limits. From top to bottom:
 //!
 //! - [`mod@serve`]: reads packets from an `embedded_io` link and writes the answers;
 //! - [`rig`]: what a rig holds between frames: its camera and the frame's settings;

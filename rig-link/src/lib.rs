@@ -1,11 +1,11 @@
 //! The link between a host and a camera rig: packets, framing, and the state machine of each end.
 //!
 //! A rig is a device that computes what an image sensor would read out: it receives the light of a
-//! frame as spectral rows and answers with raw rows. The principal type is [`Device`](device::Device),
-//! the end of a rig: a firmware implements its [`Model`](device::Model); the other end is
-//! [`Host`](host::Host). The link is sans-IO: bytes and the time go in, bytes and events come out.
-//! Nothing here reads a port or a clock, allocates, or knows what a sensor is. Layers, from bottom
-//! to top:
+//! frame as spectral rows and answers with raw rows. The principal type is
+//! [`Device`](device::Device), the rig's end, for which a firmware implements a
+//! [`Model`](device::Model); the other end is [`Host`](host::Host). The link is sans-IO: bytes and
+//! the time go in, bytes and events come out. Nothing here reads a port or a clock, allocates, or
+//! knows what a sensor is. Layers, from bottom to top:
 //!
 //! * [`framing`] separates packets on a byte stream or in reports of USB HID (human interface
 //!   device);

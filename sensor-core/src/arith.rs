@@ -57,8 +57,16 @@ impl Counts {
 /// [`crate::math::box_muller`]).
 pub const MAX_NORMAL: f32 = 6.8;
 
-/// Arithmetic of a sensor pipeline.
-pub trait Arith: Copy + Send + Sync + 'static {
+mod sealed {
+    pub trait Sealed {}
+}
+
+impl sealed::Sealed for Float {}
+impl sealed::Sealed for Fixed {}
+
+/// Arithmetic of a sensor pipeline: [`Float`] and [`Fixed`], and no others, so that it can gain
+/// operations.
+pub trait Arith: sealed::Sealed + Copy + Send + Sync + 'static {
     /// A signal, e⁻; magnitudes up to [`MAX_SIGNAL_E`].
     type Signal: Copy + Default + PartialOrd + Send + Sync;
     /// A dimensionless number of magnitude below 8: gains near 1, normal numbers.
