@@ -5,7 +5,7 @@
 //! taken; all is counted from the first frame to the last, in frames per second. "Taken" is a frame
 //! whose bytes are in memory, checked; "a picture" one whose samples have been read as a scene.
 
-use camrig::scene::sequence::{self, Reading};
+use camrig::scene_files::sequence::{self, Reading};
 use camrig_benches::scene_frames::{Kind, header};
 use std::hint::black_box;
 use std::io::{Read, Write};

@@ -119,7 +119,7 @@ fn overhead() {
         print!("  {name:22}");
         for bands in [1, 8, 31] {
             let cube = cube(64, bands);
-            let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+            let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
             let mut feed =
                 if bands == 1 { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
             let transport = emulator::open_as(framing, limits);
@@ -143,7 +143,7 @@ fn sensor_stage() {
     let camera = camera(256);
     for bands in [1, 8] {
         let cube = cube(256, bands);
-        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, EXPOSURE_S, None);
         let shape = frame_shape(&sensor.config, Codec::Bfp16, BITS).unwrap();
         let mut feed = Feed::spectral(&cube).kept();
@@ -184,7 +184,7 @@ fn sensor_stage() {
         one.install(|| {
             for _ in 0..15 {
                 times[0] = times[0].min(seconds(|| {
-                    sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap();
+                    sensor.frame(&cube, &settings).unwrap();
                 }));
                 times[1] = times[1].min(seconds(|| {
                     model.begin(&begin, exposure_of, &Registers::new()).unwrap();
@@ -242,7 +242,7 @@ fn frames_per_second(tcp: &Raw) {
         [(1, 600u32, None), (1, 600, Some(60.0)), (8, 60, None), (31, 30, None)]
     {
         let cube = cube(HEIGHT, bands);
-        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let collapsed = bands == 1;
         let feed = if collapsed { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
         let mut feed = feed.kept();
@@ -343,7 +343,7 @@ impl Raw {
 fn link_rate(name: &str, raw: &Raw, mut rig: Rig) {
     let camera = camera(HEIGHT);
     let cube = cube(HEIGHT, 1);
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+    let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
     let mut feed = Feed::collapsed(&cube, &sensor).kept();
     rig.set_camera(&sensor).unwrap();
     rig.write_register(camrig_rig_link::registers::address::TEST_PATTERN, 1).unwrap();

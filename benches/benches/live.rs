@@ -10,9 +10,9 @@ use camrig::camera::{Camera, LensKind};
 use camrig::exposure::IrradianceCube;
 use camrig::light::LightLevel;
 use camrig::optics::{Characterisation, Options};
-use camrig::render::{Arithmetic, OpticsPath, OpticsStage, SequenceStage, SimulatedSensor};
-use camrig::scene::sequence::frames::Frames;
+use camrig::render::{OpticsPath, OpticsStage, SequenceStage, SimulatedSensor};
 use camrig::scene::sequence::{SceneFrame, SceneSequence};
+use camrig::scene_files::sequence::frames::Frames;
 use camrig_benches::cost::Time;
 use camrig_benches::scene_frames::{Kind, header};
 use std::hint::black_box;
@@ -146,10 +146,9 @@ fn frames(name: &str, camera: &Camera, size: [u32; 2]) {
     // One for all frames, as the programs have it.
     let mut kept = None;
     let mut raw = |cube: &IrradianceCube| {
-        let sensor = kept.get_or_insert_with(|| {
-            SimulatedSensor::new(camera, &cube.header, 1.0).expect("a sensor")
-        });
-        sensor.frame(cube, None, &settings, Arithmetic::F32).expect("a frame")
+        let sensor = kept
+            .get_or_insert_with(|| SimulatedSensor::new(camera, &cube.header).expect("a sensor"));
+        sensor.frame(cube, &settings).expect("a frame")
     };
     let all = stream(size, FRAMES + 1);
     let (mut whole, mut colour, mut optics, mut sensor) = (0.0, 0.0, 0.0, 0.0);

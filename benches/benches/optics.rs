@@ -8,13 +8,14 @@
 //! data in one run.
 
 use camrig::lens::characterise::{Plan, PsfMethod, characterise};
-use camrig::lens::{Catalogue, Conditions, System, toml};
+use camrig::lens::{Catalogue, Conditions, System};
 use camrig::optics::engine::collapsed::{Collapsed, Mixture};
 use camrig::optics::engine::varying::{Blurrer, Kernels, Pairs, Rows, Tiling};
 use camrig::optics::{
     Blur, Characterisation, Departed, Departures, Diffraction, Distortion, Illumination, Lens,
     Options, OverField, PsfGrid, SensorGrid, irradiance,
 };
+use camrig::prescription::toml;
 use camrig::scene::{Bands, Grid, LitScene, Quantity, Scene, Spectrum};
 use camrig::{Plane, Result};
 use camrig_benches::sensor;

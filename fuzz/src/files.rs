@@ -4,7 +4,8 @@
 
 use camrig_base::table::SpectralTable;
 use camrig_formats::pixel_format::PixelFormat;
-use camrig_lens::{Catalogue, Conditions, Prescription, System, characterise, import};
+use camrig_lens::{Catalogue, Conditions, Prescription, System, characterise};
+use camrig_lens_files::import;
 use camrig_scene::Scene;
 use std::path::{Path, PathBuf};
 use tempfile::{TempDir, tempdir, tempdir_in};
@@ -42,9 +43,9 @@ impl Reader {
                 }
             }
             "agf" => glasses(&text()),
-            "seq" => lens(camrig_lens::seq::read, &text()),
-            "zmx" => lens(camrig_lens::zmx::read, &text()),
-            "toml" => lens(camrig_lens::toml::read, &text()),
+            "seq" => lens(camrig_lens_files::seq::read, &text()),
+            "zmx" => lens(camrig_lens_files::zmx::read, &text()),
+            "toml" => lens(camrig_lens::prescription::toml::read, &text()),
             "import" => {
                 self.imported(&["lens.toml", "a.csv", "b.csv", "c.csv", "d.csv"], bytes);
             }
@@ -80,7 +81,7 @@ impl Reader {
         std::fs::write(&file, bytes).unwrap();
         for options in ["", ":as=reflectance", ":as=radiance"] {
             let spec = format!("{}{options}", file.display());
-            let Ok(cube) = camrig_scene::open_file(&spec) else { continue };
+            let Ok(cube) = camrig_scene_files::open_file(&spec) else { continue };
             let _ = cube.band(0);
             let _ = cube.band(cube.bands().count.saturating_sub(1));
             return;

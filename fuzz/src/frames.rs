@@ -3,7 +3,7 @@
 
 use camrig_scene::Scene;
 use camrig_scene::sequence::SceneSequence;
-use camrig_scene::sequence::frames::Frames;
+use camrig_scene_files::sequence::frames::Frames;
 use std::io::Cursor;
 
 const HEADER: usize = 256;

@@ -3,7 +3,7 @@
 
 use camrig_scene::Scene;
 use camrig_scene::sequence::SceneSequence;
-use camrig_scene::sequence::y4m::Video;
+use camrig_scene_files::sequence::y4m::Video;
 use std::io::Cursor;
 
 /// Frames of the stream that are looked at.

@@ -27,7 +27,7 @@ fn main() -> Result<()> {
         made_for: Default::default(),
     };
     let cube = IrradianceCube::uniform(header, &[1e-5; 3])?;
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header)?;
 
     let mut rig = Rig::open(&address)?;
     println!("{}: {}", address, rig.device().firmware);
@@ -42,7 +42,7 @@ fn main() -> Result<()> {
             rows_stay: false,
         };
         let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
-        let here = sensor.frame(&cube, None, &request.settings, Arithmetic::F32)?;
+        let here = sensor.frame(&cube, &request.settings)?;
         if frame != here {
             return Err(Error::disagreement(format!(
                 "frame {number} differs from this process's"

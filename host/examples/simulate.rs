@@ -17,7 +17,7 @@ fn main() -> Result<()> {
     let camera = Camera::load_with("mt9v024", &changes)?;
 
     // The scene, and the spectral radiance (W m⁻² sr⁻¹ nm⁻¹) of a perfect white in it.
-    let scene = camrig::scene::open("colorchecker")?;
+    let scene = camrig::scene_files::open("colorchecker")?;
     let light = Illuminant::parse("D65")?;
     let white = white_radiance(&light, LightLevel::Lux(300.0), &scene.bands())?;
     let lit = LitScene { scene: &*scene, white };
@@ -32,9 +32,9 @@ fn main() -> Result<()> {
     let (cube, _) = render::irradiance(&camera, &lit, &Options::default(), about, |_, _| ())?;
 
     // The sensor stage: 20 ms at the camera's own gain and temperature.
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header)?;
     let settings = camera.settings(0, 0.020, None);
-    let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+    let frame = sensor.frame(&cube, &settings)?;
     for channel in frame.channel_means() {
         let saturated = 100.0 * channel.saturated;
         println!("{}: {:.1} DN, {saturated:.1} % saturated", channel.name, channel.mean_dn);

@@ -9,8 +9,8 @@
 //! |---|---|---|
 //! | [`camera`] | a camera file (TOML) or a preset | lens, sensor and effects as checked values |
 //! | [`light`] | names of illuminants, lamps; spectra | relative spectra, light over time, colours |
-//! | [`scene`] | charts, spectral cubes, pictures | spectral radiance, W m⁻² sr⁻¹ nm⁻¹ |
-//! | [`lens`], [`optics`] | prescriptions, tables over the field | irradiance, W m⁻² nm⁻¹ |
+//! | [`scene`], [`scene_files`] | charts, spectral cubes, pictures | spectral radiance, W m⁻² sr⁻¹ nm⁻¹ |
+//! | [`prescription`], [`lens`], [`lens_files`], [`optics`] | prescriptions, tables over the field | irradiance, W m⁻² nm⁻¹ |
 //! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
@@ -26,14 +26,14 @@
 //! A grey card under D65 at 300 lx, exposed for 10 ms:
 //! ```
 //! use camrig::prelude::*;
-//! use camrig::{light, render, scene};
+//! use camrig::{light, render, scene_files};
 //!
 //! # fn main() -> Result<()> {
 //! let size = [("sensor.width", 64), ("sensor.height", 48)];
 //! let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
 //! let camera = Camera::load_with("mt9v024", &changes)?;
 //!
-//! let card = scene::open("uniform:0.18")?;
+//! let card = scene_files::open("uniform:0.18")?;
 //! let daylight = Illuminant::parse("D65")?;
 //! let level = LightLevel::Lux(300.0);
 //! let white = light::photometry::white_radiance(&daylight, level, &card.bands())?;
@@ -41,9 +41,9 @@
 //! let (cube, _) =
 //!     render::irradiance(&camera, &lit, &Options::default(), About::default(), |_, _| ())?;
 //!
-//! let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+//! let sensor = SimulatedSensor::new(&camera, &cube.header)?;
 //! let settings = camera.settings(0, 0.010, None); // frame 0, seconds, the camera file's gain
-//! let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+//! let frame = sensor.frame(&cube, &settings)?;
 //! for channel in frame.channel_means() {
 //!     println!("{}: {:.1} DN", channel.name, channel.mean_dn);
 //!     assert!(channel.mean_dn > frame.black_level_dn && channel.saturated == 0.0);
@@ -58,7 +58,7 @@
 pub mod prelude;
 
 pub use camrig_base::{
-    Error, ErrorKind, Plane, RawFrame, Result, alternatives, output, toml_text,
+    Error, ErrorKind, Plane, RawFrame, Result, alternatives, color, output, toml_text,
 };
 pub use camrig_batch as batch;
 pub use camrig_calibrate as calibrate;
@@ -71,13 +71,16 @@ pub use camrig_exposure as exposure;
 pub use camrig_formats as formats;
 pub use camrig_glass as glass;
 pub use camrig_lens as lens;
+pub use camrig_lens_files as lens_files;
 pub use camrig_light as light;
 pub use camrig_measure as measure;
 pub use camrig_optics as optics;
+pub use camrig_prescription as prescription;
 pub use camrig_render as render;
 pub use camrig_report as report;
 pub use camrig_rig as rig;
 pub use camrig_scene as scene;
+pub use camrig_scene_files as scene_files;
 pub use camrig_shapes as shapes;
 pub use camrig_statistics as statistics;
 pub use camrig_validate as validate;

@@ -3,12 +3,12 @@
 
 use camrig::RawFrame;
 use camrig::camera::Camera;
-use camrig::formats::{DngInfo, color, dng};
+use camrig::formats::{DngInfo, dng};
 use camrig::light::{Illuminant, LightLevel, photometry};
 use camrig::optics::Options;
 use camrig::render::{self, About, SimulatedSensor};
 use camrig::scene::chart::colorchecker;
-use camrig::scene::{self, LitScene, Spectrum};
+use camrig::scene::{LitScene, Spectrum};
 use camrig_tests::color::{delta_e_2000, lab, srgb_to_linear, xyz_of_srgb};
 use camrig_tests::{client, png_rgb, run};
 use std::path::PathBuf;
@@ -41,7 +41,7 @@ fn chart() -> (RawFrame, DngInfo) {
     let path = folder.path().join("camera.toml");
     std::fs::write(&path, text).unwrap();
     let camera = Camera::load(path.to_str().unwrap()).unwrap();
-    let scene = scene::open(&format!("colorchecker:width={CARD}")).unwrap();
+    let scene = camrig::scene_files::open(&format!("colorchecker:width={CARD}")).unwrap();
     let light = Illuminant::parse("D65").unwrap();
     let level = LightLevel::Lux(300.0);
     let white = photometry::white_radiance(&light, level, &scene.bands()).unwrap();
@@ -49,9 +49,9 @@ fn chart() -> (RawFrame, DngInfo) {
     let about = About { lux: Some(300.0), illuminant: None, made_of: "test".into() };
     let (cube, _) =
         render::irradiance(&camera, &lit, &Options::default(), about, |_, _| {}).unwrap();
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+    let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
     let settings = camera.settings(0, 2e-3, None);
-    let raw = sensor.frame(&cube, None, &settings, Default::default()).unwrap();
+    let raw = sensor.frame(&cube, &settings).unwrap();
     let brightest = raw.data.iter().max().unwrap();
     assert!((700..1023).contains(brightest), "white near the top, nothing saturated: {brightest}");
     let info = render::dng_info(&camera, &settings, Some(&light), "colour test").unwrap();
@@ -107,7 +107,7 @@ fn labs(xyz: &[[f64; 3]], truth: &[[f64; 3]]) -> Vec<Lab> {
 
 /// XYZ of the raw patches by the D65 matrix in the DNG itself.
 fn by_matrix(raw: &RawFrame, info: &DngInfo) -> Vec<[f64; 3]> {
-    let inverse = color::inverse(&info.color_matrix_d65.unwrap()).unwrap();
+    let inverse = camrig::color::inverse(&info.color_matrix_d65.unwrap()).unwrap();
     let at = |x: usize, y: usize| (raw.cfa.channel(x, y), f64::from(raw.data[y * WIDTH + x]));
     let mean = |values: Vec<(usize, f64)>| {
         let camera: [f64; 3] = std::array::from_fn(|channel| {

@@ -11,7 +11,7 @@ use camrig_render::{self as render, Arithmetic, SimulatedSensor};
 use camrig_report::page::{Page, Table};
 use camrig_report::simulation;
 use camrig_rig::{FrameRequest, Rig};
-use camrig_scene::{self as scene, LitScene};
+use camrig_scene::LitScene;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -37,7 +37,7 @@ const SHOTS: [(f64, f64); 2] = [(300.0, 0.040), (10.0, 0.120)];
 pub fn run(args: &Args) -> Result<ExitCode> {
     let directory = OutputDir::create(&args.output, args.force)?;
     let camera = Camera::load(CAMERA)?;
-    let scene = scene::open(SCENE)?;
+    let scene = camrig_scene_files::open(SCENE)?;
     let light = Illuminant::parse("D65")?;
     let base_lux = SHOTS[0].0;
     let white = photometry::white_radiance(&light, LightLevel::Lux(base_lux), &scene.bands())?;
@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut rig = Rig::open("emulator:")?;
     let (mut same, mut link, mut frames) = (true, Vec::new(), simulation::Frames::default());
     for (lux, exposure_s) in SHOTS {
-        let sensor = SimulatedSensor::new(&camera, &cube.header, lux / base_lux)?;
+        let sensor = SimulatedSensor::in_light(&camera, &cube.header, lux / base_lux)?;
         let settings = camera.settings(0, exposure_s, None);
         rig.set_camera(&sensor)?;
         let request = FrameRequest {
@@ -69,7 +69,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             rows_stay: false,
         };
         let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
-        same &= frame == sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+        same &= frame == sensor.frame(&cube, &settings)?;
         let (sent, received) = rig.link_bytes();
         link.push(vec![format!("{lux} lx"), mebibytes(sent), mebibytes(received)]);
         let name = format!("colorchecker-{lux}lx");

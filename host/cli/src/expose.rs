@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
-    let sensor = SimulatedSensor::new(&camera, &cube.header, factor)?;
+    let sensor = SimulatedSensor::in_light(&camera, &cube.header, factor)?;
     let exposure_s = args.frames.exposure_s(&camera, &sensor, &cube)?;
     let of = (&camera, &sensor, exposure_s);
     expose_frames(

@@ -115,9 +115,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         args.device,
     );
     let (camera, view) = view.view()?;
-    let sensor = SimulatedSensor::new(&camera, &view.cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &view.cube.header)?;
     let settings = camera.settings(0, args.exposure, None);
-    let raw = sensor.frame(&view.cube, None, &settings, Default::default())?;
+    let raw = sensor.frame(&view.cube, &settings)?;
     for channel in raw.channel_means() {
         if channel.saturated > WARN_SATURATED {
             eprintln!(

@@ -10,10 +10,10 @@ use camrig_formats::png;
 use camrig_light::photometry::white_radiance;
 use camrig_light::{Illuminant, LightLevel};
 use camrig_render::{DEFAULT_ILLUMINANT, radiance_at};
-use camrig_scene as scene;
 use camrig_scene::level::check_absolute;
-use camrig_scene::library::{Library, describe};
-use camrig_scene::{Grid, Quantity, Scene, chart, envi, isetcam, preview};
+use camrig_scene::{Grid, Quantity, Scene, chart, preview};
+use camrig_scene_files::library::{Library, describe};
+use camrig_scene_files::{envi, isetcam};
 use clap::Subcommand;
 use serde_json::json;
 use std::io::Write;
@@ -204,7 +204,7 @@ pub(super) fn whole(scene: &dyn Scene, width: usize) -> Grid {
 }
 
 fn show(args: &ShowArgs) -> Result<()> {
-    let scene = scene::open(&args.scene)?;
+    let scene = camrig_scene_files::open(&args.scene)?;
     if args.illuminant.is_some() {
         takes_illuminant(&*scene)?;
     }
@@ -228,7 +228,7 @@ fn takes_illuminant(scene: &dyn Scene) -> Result<()> {
 }
 
 fn add(args: &AddArgs) -> Result<()> {
-    let cube = scene::open_file(&args.scene)?;
+    let cube = camrig_scene_files::open_file(&args.scene)?;
     let mut about = describe(&cube, &args.name);
     about.description.clone_from(&args.description);
     about.source.clone_from(&args.source);
@@ -246,7 +246,7 @@ fn add(args: &AddArgs) -> Result<()> {
 
 fn export(args: &ExportArgs) -> Result<()> {
     let output = OutputDir::create(&args.output, args.force)?;
-    let (scene, size) = scene::open_with_size(&args.scene)?;
+    let (scene, size) = camrig_scene_files::open_with_size(&args.scene)?;
     let width = args.width.or(size.map(|s| s.0)).unwrap_or(CHART_WIDTH);
     if !(1..=100_000).contains(&width) {
         return Err(Error::limit(format!("--width {width}")).help("give 1 to 100000 pixels"));

@@ -89,7 +89,7 @@ struct Opened {
 
 fn open(spec: &str) -> Result<Opened> {
     if scene::is_file(spec) {
-        let cube: Cube = scene::open_file(spec)?;
+        let cube: Cube = camrig_scene_files::open_file(spec)?;
         let (size, understood) = (Some(cube.size()), cube.understood().to_vec());
         return Ok(Opened { scene: Box::new(cube), size, understood });
     }
@@ -99,7 +99,11 @@ fn open(spec: &str) -> Result<Opened> {
             let (scene, understood) = told.map_err(|e| e.at(format!("scene {spec:?}")))?;
             Ok(Opened { scene, size: None, understood })
         }
-        None => Ok(Opened { scene: scene::open(spec)?, size: None, understood: Vec::new() }),
+        None => Ok(Opened {
+            scene: camrig_scene_files::open(spec)?,
+            size: None,
+            understood: Vec::new(),
+        }),
     }
 }
 

@@ -13,7 +13,7 @@ use camrig_exposure::IrradianceCube;
 use camrig_light::Lamps;
 use camrig_light::lamp::Region;
 use camrig_render::{MotionStage, OpticsOutput, SequenceStage};
-use camrig_scene::sequence::{self, Reading};
+use camrig_scene_files::sequence::{self, Reading};
 use serde_json::{Value, json};
 use std::time::Duration;
 

@@ -253,7 +253,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
         cube.save(path, frames.force)?;
     }
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header)?;
     let exposure_s = frames.exposure_s(&camera, &sensor, &cube)?;
     let of = (&camera, &sensor, exposure_s);
     let mut next = |frame, exposure_s| lights.next(frame, exposure_s, &cube);

@@ -161,7 +161,7 @@ struct Faults {
 fn soak(minutes: f64, kind: &str) -> camrig::Result<bool> {
     let camera = camera()?;
     let cube = cube()?;
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header)?;
     let transport = open(kind).map_err(|e| camrig::Error::device(e.to_string()))?;
     let mut rig = Rig::with_transport(Url::Emulator, transport)?;
     rig.set_camera(&sensor)?;
@@ -184,7 +184,7 @@ fn soak(minutes: f64, kind: &str) -> camrig::Result<bool> {
                 println!("frame {frame}: {error}");
             }
             Ok(got) => {
-                let here = sensor.frame(&cube, None, &request.settings, Arithmetic::F32)?;
+                let here = sensor.frame(&cube, &request.settings)?;
                 faults.wrong += u64::from(got.to_raw(&sensor)?.data != here.data);
             }
         }

@@ -74,7 +74,7 @@ pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
 pub const BANDS: Bands = Bands { start_nm: 420.0, step_nm: 40.0, count: 7 };
 
 pub fn sensor(camera: &Camera, cube: &IrradianceCube) -> SimulatedSensor {
-    SimulatedSensor::new(camera, &cube.header, 1.0).unwrap()
+    SimulatedSensor::new(camera, &cube.header).unwrap()
 }
 
 /// Takes a frame of a camera that has taken none before, and compares it with the result of the
@@ -98,7 +98,9 @@ pub fn compare_frame(
         rows_stay: false,
     };
     let before = (frame > 0).then_some(cube);
-    let here = sensor.frame(cube, before, &settings, arithmetic).unwrap();
+    let here = sensor
+        .frame_with(cube, &settings, camrig::render::FrameOptions { before, arithmetic })
+        .unwrap();
     let there = rig.frame(cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     assert!(here == there, "{}, {arithmetic:?}, frame {frame}", camera.name);
     let (low, high) = (here.data.iter().min().unwrap(), here.data.iter().max().unwrap());

@@ -36,7 +36,16 @@ fn a_rig_computes_in_the_arithmetic_that_is_asked_for() {
     let (sensor, settings) = (common::sensor(&camera, &cube), camera.settings(0, 0.02, None));
     let [float, fixed] = Arithmetic::ALL.map(|arithmetic| {
         common::compare_frame(&mut rig, &camera, &cube, arithmetic, 0);
-        sensor.frame(&cube, None, &settings, arithmetic).unwrap()
+        sensor
+            .frame_with(
+                &cube,
+                &settings,
+                camrig::render::FrameOptions {
+                    arithmetic,
+                    ..camrig::render::FrameOptions::default()
+                },
+            )
+            .unwrap()
     });
     assert!(float != fixed);
 }

@@ -39,7 +39,7 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
     (camera.sensor.width, camera.sensor.height) = (WIDTH as u32, HEIGHT as u32);
     camera.sensor.bits = 12;
     let cube = cube(bands);
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+    let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
     let collapsed = bands == 1;
     let mut feed = if collapsed { Feed::collapsed(&cube, &sensor) } else { Feed::spectral(&cube) };
     let mut rig = Rig::with_transport(Url::Emulator, emulator::open_as(framing, limits)).unwrap();

@@ -79,7 +79,7 @@ fn rows_that_stay_with_the_rig_are_those_of_the_host() {
         rows_stay: true,
     };
     let frame = rig.frame(&cube, &sensor, &request).unwrap();
-    let here = sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap();
+    let here = sensor.frame(&cube, &settings).unwrap();
     let receipts = frame.receipts.as_ref().unwrap();
     assert_eq!((receipts.len(), frame.packed.len()), (HEIGHT, 0));
     for (y, (receipt, row)) in receipts.iter().zip(here.data.chunks(WIDTH)).enumerate() {

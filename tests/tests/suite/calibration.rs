@@ -5,7 +5,7 @@ use super::{camera, camrig, camrig_ok, shared, small_camera};
 use camrig::calibrate::response::Response;
 use camrig::camera::Camera;
 use camrig::scene::chart::colorchecker;
-use camrig::scene::numpy::read_plane;
+use camrig::scene_files::numpy::read_plane;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (752, 480);
@@ -198,7 +198,7 @@ fn reflectances_of_a_known_scene_are_within_their_stated_errors() {
     // patches.
     assert!(told["chart_residual"].as_f64().unwrap() < 0.005, "{told}");
     let left_out = &told["leave_one_out"]["rmse_per_patch"];
-    let cube = camrig::scene::open_file(dir.path().join("scene").to_str().unwrap()).unwrap();
+    let cube = camrig::scene_files::open_file(dir.path().join("scene").to_str().unwrap()).unwrap();
     let table = colorchecker::reflectances();
     let bands = camrig::scene::Scene::bands(&cube);
     let planes: Vec<_> = (0..bands.count).map(|b| cube.band(b).unwrap()).collect();

@@ -2,7 +2,7 @@
 
 use super::{camrig, camrig_ok, shared};
 use camrig::camera::{Camera, presets};
-use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, SimulatedSensor};
+use camrig::render::{CubeHeader, IrradianceCube, SimulatedSensor};
 use camrig::scene::Bands;
 use camrig::validate::datasheet::Datasheet;
 use std::path::Path;
@@ -57,9 +57,9 @@ fn every_preset_gives_the_mean_of_its_parameters() {
         let most = responses.iter().fold(0.0f64, |m, &r| m.max(r));
         let level = 0.4 * s.full_well_e / (most * exposure_s);
         let cube = IrradianceCube::uniform(header, &vec![level as f32; bands.count]).unwrap();
-        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, exposure_s, None);
-        let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap();
+        let frame = sensor.frame(&cube, &settings).unwrap();
         let dn_per_e = f64::from((1u32 << s.bits) - 1) / s.full_well_e;
         for (channel, response) in responses.iter().enumerate() {
             let at = |p: &usize| s.cfa.channel(p % SIDE, p / SIDE) == channel;

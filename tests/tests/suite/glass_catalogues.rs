@@ -90,7 +90,7 @@ fn an_index_that_is_carried_on_beyond_the_data_is_told() {
         );
         let table = "[glass.X]\ntable_nm = [[480.0, 1.522], [587.6, 1.5168], [656.3, 1.5143]]\n";
         let text = if glass.contains('X') { text + table } else { text };
-        let lens = camrig::lens::toml::read(&text, &Catalogue::default()).unwrap();
+        let lens = camrig::prescription::toml::read(&text, &Catalogue::default()).unwrap();
         System::new(lens, Conditions::default()).unwrap().prescription.notes
     };
     let told = notes("glass = \"X\"\n", "[410.0, 550.0, 656.3]");

@@ -5,8 +5,10 @@ use camrig::Result;
 use camrig::lens::characterise::{Plan, PsfMethod, characterise, field_points};
 use camrig::lens::field::{self, PlanePlan};
 use camrig::lens::prescription::{Aperture, Clip, Shape};
-use camrig::lens::{Catalogue, Conditions, Prescription, System, seq, toml, zmx};
+use camrig::lens::{Catalogue, Conditions, Prescription, System};
+use camrig::lens_files::{seq, zmx};
 use camrig::optics::Lens;
+use camrig::prescription::toml;
 use std::f64::consts::{PI, TAU};
 
 /// Distance from the last vertex to the focus, half of the beam's width, and half of what obscures

@@ -3,7 +3,9 @@
 
 use super::shared;
 use camrig::lens::field::{Map, Point, points};
-use camrig::lens::{Catalogue, Conditions, System, characterise, read_prescription, seq, toml};
+use camrig::lens::{Catalogue, Conditions, System, characterise};
+use camrig::lens_files::{read_prescription, seq};
+use camrig::prescription::toml;
 
 fn system(text: &str) -> System {
     System::new(seq::read(text, &Catalogue::default()).unwrap(), Conditions::default()).unwrap()

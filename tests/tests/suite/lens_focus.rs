@@ -1,8 +1,8 @@
 //! Where the sensor goes: by the best MTF on the axis, or a focus distance.
 
 use camrig::lens::characterise::field_points;
-use camrig::lens::system::Focus;
-use camrig::lens::{Catalogue, Conditions, System, toml};
+use camrig::lens::{Catalogue, Conditions, Focus, System};
+use camrig::prescription::toml;
 
 /// A plane and a hyperboloid of eccentricity n: free of aberration for an object at infinity.
 /// n − 1 = 0.5 and R = −10: focal length 20.

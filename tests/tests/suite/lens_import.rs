@@ -3,7 +3,7 @@
 
 use super::shared;
 use camrig::glass::text;
-use camrig::lens::import::{import, listing};
+use camrig::lens_files::import::{import, listing};
 use camrig::optics::Characterisation;
 use camrig::{Error, Result};
 use std::path::{Path, PathBuf};

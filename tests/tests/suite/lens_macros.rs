@@ -2,8 +2,10 @@
 //! back as the lens that wrote them.
 
 use camrig::lens::characterise::{self, Plan, PsfMethod};
-use camrig::lens::{Catalogue, Conditions, System, import, toml};
+use camrig::lens::{Catalogue, Conditions, System};
+use camrig::lens_files::import;
 use camrig::optics::Characterisation;
+use camrig::prescription::toml;
 use std::fmt::Write as _;
 use std::path::Path;
 

@@ -3,7 +3,9 @@
 use super::shared;
 use camrig::lens::characterise;
 use camrig::lens::prescription::Object;
-use camrig::lens::{Catalogue, Conditions, Prescription, System, read_prescription, toml};
+use camrig::lens::{Catalogue, Conditions, Prescription, System};
+use camrig::lens_files::read_prescription;
+use camrig::prescription::toml;
 use std::path::PathBuf;
 
 /// A finite-conjugate lens of an outside designer: EFL and pupil as its own program printed them.
@@ -65,7 +67,7 @@ fn a_window_without_light_is_refused_in_words() {
 #[test]
 fn an_object_far_away_is_one_at_infinity() {
     let lens = toml::read(
-        include_str!("../../../host/crates/lens/src/fuzz/lens.toml"),
+        include_str!("../../../host/crates/lens-files/src/fuzz/lens.toml"),
         &Catalogue::default(),
     )
     .unwrap();

@@ -50,10 +50,19 @@ impl Bench<'_> {
             made_for: Default::default(),
         };
         let cube = IrradianceCube::uniform(header, &[(mean_e / per_unit) as f32]).unwrap();
-        let sensor = SimulatedSensor::new(self.camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(self.camera, &cube.header).unwrap();
         let settings =
             self.camera.settings(self.next.replace(self.next.get() + 1), EXPOSURE_S, None);
-        let frame = sensor.frame(&cube, None, &settings, self.arithmetic).unwrap();
+        let frame = sensor
+            .frame_with(
+                &cube,
+                &settings,
+                camrig::render::FrameOptions {
+                    arithmetic: self.arithmetic,
+                    ..camrig::render::FrameOptions::default()
+                },
+            )
+            .unwrap();
         frame.data.iter().map(|&v| f64::from(v)).collect()
     }
 

@@ -6,7 +6,8 @@ use camrig::light::colour::transfer::Transfer;
 use camrig::light::photometry::observer;
 use camrig::scene::cube::Cube;
 use camrig::scene::level::check_absolute;
-use camrig::scene::{Quantity, Scene, open_file};
+use camrig::scene::{Quantity, Scene};
+use camrig::scene_files::open_file;
 use exr::prelude::*;
 use png::chunk::ChunkType;
 use std::fs::File;
@@ -185,7 +186,7 @@ fn palettes_that_are_no_list_of_colours_are_refused() {
 
 #[test]
 fn jpeg_is_read_turned_and_refused_for_print() {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data");
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene-files/tests/data");
     let cube = opened(&data.join("colour.jpg"), "");
     assert_eq!(cube.size(), (16, 8));
     // A code of rounding in YCbCr.
@@ -211,8 +212,8 @@ fn pixels_that_are_not_square_are_refused() {
     use png::{BitDepth, ColorType, chunk};
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
-    let jpeg =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data/colour.jpg");
+    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../host/crates/scene-files/tests/data/colour.jpg");
     let jpeg = std::fs::read(jpeg).unwrap();
     let jfif = |x: u8, y: u8| {
         let app0 = [&b"\xff\xe0\0\x10JFIF\0\x01\x02\0"[..], &[0, x, 0, y, 0, 0]].concat();
@@ -435,8 +436,8 @@ fn damage_is_survived() {
     let probe = dir.path().join("whole.hdr");
     std::fs::write(&probe, b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x40\x80\x20\x81")
         .unwrap();
-    let jpeg =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data/colour.jpg");
+    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../host/crates/scene-files/tests/data/colour.jpg");
     for file in [source, render, stack, probe, jpeg] {
         let whole = std::fs::read(&file).unwrap();
         let damaged = dir.path().join("damaged").with_extension(file.extension().unwrap());

@@ -118,7 +118,7 @@ fn pictures_of_every_kind_are_simulated() {
     colour_tiff(&dir.join("c.tif"), colour);
     let expected = signal(dir, "c.tif", "--lux 300");
     assert!(expected[0] > 1.2 * expected[2], "a brown: {expected:?}");
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene/tests/data");
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene-files/tests/data");
     std::fs::copy(data.join("colour.jpg"), dir.join("c.jpg")).unwrap();
     // The JPEG is off by a code, 2 % of its light.
     near(signal(dir, "c.jpg", "--lux 300"), expected, 3e-2);

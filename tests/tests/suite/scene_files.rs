@@ -1,7 +1,8 @@
 //! What files of spectral cubes say beside their samples: followed, told or refused.
 
 use super::shared;
-use camrig::scene::{Grid, Scene, open, open_file};
+use camrig::scene::{Grid, Scene};
+use camrig::scene_files::{open, open_file};
 use std::path::Path;
 
 /// Why a file is refused.

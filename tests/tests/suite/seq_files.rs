@@ -2,8 +2,8 @@
 
 use camrig::Result;
 use camrig::lens::prescription::{Aperture, Clip, Medium, Object, Shape};
-use camrig::lens::seq::{read, read_position};
 use camrig::lens::{Catalogue, Conditions, Prescription, System};
+use camrig::lens_files::seq::{read, read_position};
 
 /// A biconvex lens of focal length 78.23 mm behind `head`, with `more` after its first surface.
 fn lens(head: &str, more: &str) -> Result<Prescription> {

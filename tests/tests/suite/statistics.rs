@@ -46,12 +46,21 @@ fn figures(name: &str, arithmetic: Arithmetic) -> String {
     let green: f64 = camera.sensor.response(&bands)[1].iter().sum();
     let level = 0.5 * camera.sensor.full_well_e / (green * exposure_s);
     let cube = IrradianceCube::uniform(header, &vec![level as f32; bands.count]).unwrap();
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+    let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
     let mut digest = 0xcbf2_9ce4_8422_2325u64;
     let frames: Vec<Vec<f64>> = (0..FRAMES)
         .map(|i| {
             let settings = camera.settings(i, exposure_s, None);
-            let frame = sensor.frame(&cube, None, &settings, arithmetic).unwrap();
+            let frame = sensor
+                .frame_with(
+                    &cube,
+                    &settings,
+                    camrig::render::FrameOptions {
+                        arithmetic,
+                        ..camrig::render::FrameOptions::default()
+                    },
+                )
+                .unwrap();
             for byte in frame.data.iter().flat_map(|v| v.to_le_bytes()) {
                 digest = (digest ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
             }

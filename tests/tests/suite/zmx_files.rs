@@ -1,10 +1,9 @@
 //! What a `.zmx` file says, what of it is refused, and what is told.
 
 use camrig::Result;
-use camrig::lens::frame::Frame;
-use camrig::lens::prescription::{Clip, Form};
-use camrig::lens::zmx::{read, read_configuration};
 use camrig::lens::{Catalogue, Conditions, Prescription, System, characterise, field};
+use camrig::lens_files::zmx::{read, read_configuration};
+use camrig::prescription::{Clip, Form, Pose};
 
 /// A plano-convex lens, curvature 0.025, of N-BK7 (n_d 1.51680), with words replaced.
 fn lens(changes: &[(&str, &str)]) -> Result<Prescription> {
@@ -231,7 +230,7 @@ fn surfaces_of_other_shapes_are_read_in_the_unit_of_the_file() {
     assert_eq!(lens.surfaces[2].even[..2], [1e-4, 1e-6]);
     assert_eq!((&lens.surfaces[3].form, lens.surfaces[3].thickness), (&Form::Break, 3.0));
     let frame = lens.surfaces[3].entry.unwrap();
-    assert_eq!(frame, Frame::tilted_then_decentred([0.4, 0.0, 0.0], [12.0, 0.0, 0.0]));
+    assert_eq!(frame, Pose::tilted_then_decentred([0.4, 0.0, 0.0], [12.0, 0.0, 0.0]));
     assert_eq!(lens.surfaces[4].form, Form::Ideal { focal_mm: 90.0 });
     let landing = |lens| {
         let system = System::new(lens, Conditions::default()).unwrap();

@@ -7,7 +7,7 @@ use camrig_base::{Error, Plane, Result};
 use camrig_calibrate::files::{HdrFile, ResponseFile};
 use camrig_calibrate::hdr;
 use camrig_calibrate::view::{Region, View};
-use camrig_scene::numpy;
+use camrig_scene_files::numpy;
 use serde_json::json;
 use std::path::PathBuf;
 

@@ -9,9 +9,8 @@ use camrig_base::{Bands, Error, Result};
 use camrig_lens::characterise::{self, Plan, PsfMethod};
 use camrig_lens::field::PlanePlan;
 use camrig_lens::heights::Density;
-use camrig_lens::prescription::FieldKind;
-use camrig_lens::system::Focus;
-use camrig_lens::{Conditions, Glass, Setup, System, field, import};
+use camrig_lens::prescription::{Conditions, FieldKind, Focus, Glass, Setup};
+use camrig_lens::{System, field};
 use camrig_optics::{Between, Characterisation, Options};
 use camrig_report::lens as report;
 use clap::builder::TypedValueParser;
@@ -187,7 +186,7 @@ impl LensArgs {
     }
 
     fn system(&self) -> Result<System> {
-        let system = self.setup().system()?;
+        let system = camrig_lens_files::system(&self.setup())?;
         for note in &system.prescription.notes {
             eprintln!("note: {note}");
         }
@@ -388,7 +387,7 @@ fn trace_over_places(args: &TraceArgs, system: &System, wavelengths: &[f64]) -> 
 }
 
 fn import_files(args: &ImportArgs) -> Result<()> {
-    let lens = import::import(&args.source)?;
+    let lens = camrig_lens_files::import::import(&args.source)?;
     lens.write(&args.output, args.force)?;
     eprintln!("wrote {}: {}", args.output.display(), summary(&lens));
     Ok(())

@@ -243,7 +243,7 @@ pub(super) fn print_points(system: &System, points: &[FieldPoint]) {
 
 /// Figures and surfaces of a prescription, and what was assumed and ignored.
 pub(super) fn info(args: &InfoArgs) -> Result<()> {
-    let system = args.lens.setup().system()?;
+    let system = camrig_lens_files::system(&args.lens.setup())?;
     let lens = &system.prescription;
     let place = |e: camrig_base::Error| e.at(args.lens.file.display());
     let asymmetry = lens.asymmetry();

@@ -6,13 +6,12 @@ use crate::notes::Notes;
 use crate::scene_lights::SceneLights;
 use crate::simulate::ViewArgs;
 use crate::times;
-use camrig_base::{Error, Result};
+use camrig_base::{Error, Result, natural_order};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_render::SimulatedSensor;
 use camrig_rig::Rig;
 use camrig_rig::stage::{changing_light, remembering};
-use camrig_scene::sequence::natural;
 use std::path::{Path, PathBuf};
 
 /// The source of the frames' light.
@@ -81,7 +80,7 @@ impl Light {
     /// # Errors
     /// A cube of another size than the sensor's; changing light with an effect that has a memory.
     pub fn sensors(&self, camera: &Camera) -> Result<Vec<SimulatedSensor>> {
-        let sensors = self.cubes.iter().map(|c| SimulatedSensor::new(camera, &c.header, 1.0));
+        let sensors = self.cubes.iter().map(|c| SimulatedSensor::new(camera, &c.header));
         let sensors = sensors.collect::<Result<Vec<_>>>()?;
         if !self.stands_still()
             && let Some(effect) = remembering(&sensors[0]).next()
@@ -135,7 +134,7 @@ fn folder(path: &Path, camera: &Camera, told: &mut Notes) -> Result<Vec<Irradian
     files.retain(|file| file.is_file());
     let name =
         |file: &PathBuf| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    files.sort_by_cached_key(|file| natural(&name(file)));
+    files.sort_by_cached_key(|file| natural_order(&name(file)));
     let (mut cubes, mut left_out) = (Vec::new(), Vec::new());
     for file in &files {
         match IrradianceCube::open(file) {

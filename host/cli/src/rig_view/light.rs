@@ -50,7 +50,7 @@ impl Lit {
         later: Option<Arc<IrradianceCube>>,
         header: render::CubeHeader,
     ) -> Result<Self> {
-        let sensor = Arc::new(SimulatedSensor::new(camera, &header, 1.0)?);
+        let sensor = Arc::new(SimulatedSensor::new(camera, &header)?);
         let settings = camera.settings(0, 1.0, None);
         let illuminant = view.light.clone();
         let info = render::frame_info(camera, &settings, illuminant.as_ref(), &header, false)?;

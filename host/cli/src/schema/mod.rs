@@ -63,7 +63,7 @@ impl File {
             Self::Plan => camrig_capture::plan::schema().to_value(),
             Self::Sweep => camrig_batch::sweep::schema().to_value(),
             Self::Script => camrig_rig::script::schema().to_value(),
-            Self::Lens => camrig_lens::toml::schema().to_value(),
+            Self::Lens => camrig_lens::prescription::toml::schema().to_value(),
         }
     }
 }

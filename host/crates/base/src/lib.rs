@@ -9,7 +9,7 @@
 //!   while they are written; [`stop`]: work that a signal stops between two pieces;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
 //!   [`options`]: those behind a name, `KEY=VALUE,...`;
-//! * [`median`]; [`copies`]: the same frame again; and [`platform`] for what operating systems do
+//! * [`color`]: matrices between colour spaces; [`npy`]: NumPy arrays; [`median`]; [`natural_order`] of names; [`copies`]: the same frame again; and [`platform`] for what operating systems do
 //!   differently.
 //!
 //! ```
@@ -38,12 +38,15 @@
 pub mod alternatives;
 mod cfa;
 pub mod choice;
+pub mod color;
 pub mod copies;
 mod error;
 mod error_code;
 mod frame;
 pub mod median;
 pub mod mistakes;
+mod natural_order;
+pub mod npy;
 pub mod numbers;
 pub mod options;
 pub mod output;
@@ -65,5 +68,6 @@ pub use cfa::Cfa;
 pub use error::{Error, ErrorKind, Result};
 pub use error_code::ErrorCode;
 pub use frame::{ChannelMean, RawFrame};
+pub use natural_order::natural_order;
 pub use plane::Plane;
 pub use spectrum::{Bands, Outside, Spectrum};

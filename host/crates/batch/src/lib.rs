@@ -175,10 +175,17 @@ fn dark_of(
     picture: &Picture<'_>,
 ) -> Result<figures::Dark> {
     let camera = of_picture(camera, picture);
-    let unlit = SimulatedSensor::new(&camera, &view.cube.header, 0.0)?;
+    let unlit = SimulatedSensor::in_light(&camera, &view.cube.header, 0.0)?;
     let take = |number| {
         let settings = camera.settings(number, picture.exposure_s, picture.analog_gain);
-        unlit.frame(&view.cube, None, &settings, sweep.arithmetic)
+        unlit.frame_with(
+            &view.cube,
+            &settings,
+            camrig_render::FrameOptions {
+                arithmetic: sweep.arithmetic,
+                ..camrig_render::FrameOptions::default()
+            },
+        )
     };
     let gain = camera.settings(0, picture.exposure_s, picture.analog_gain).analog_gain;
     let dn_per_e = f64::from(unlit.config.dn_per_e(gain));
@@ -209,10 +216,14 @@ fn take(
     };
     // As the sweep file names it: where it lies must not show in the picture's bytes.
     header.made_of = format!("scene {}, lens of {}", picture.scene.name, camera.name);
-    let sensor = SimulatedSensor::new(&camera, &header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &header)?;
     let settings = camera.settings(picture.frame, picture.exposure_s, picture.analog_gain);
     let before = (picture.burst > 0).then_some(&view.cube);
-    let frame = sensor.frame(&view.cube, before, &settings, sweep.arithmetic)?;
+    let frame = sensor.frame_with(
+        &view.cube,
+        &settings,
+        camrig_render::FrameOptions { before, arithmetic: sweep.arithmetic },
+    )?;
     let info =
         render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
     let scene = &picture.scene.name;

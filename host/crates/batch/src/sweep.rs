@@ -339,7 +339,7 @@ impl Sweep {
             }
         }
         for scene in &self.scenes {
-            let opened = match scene::open(&scene.spec) {
+            let opened = match camrig_scene_files::open(&scene.spec) {
                 Ok(opened) => opened,
                 Err(e) => {
                     wrong.push(e.at("scene"));

@@ -12,9 +12,10 @@ use camrig_base::table::{SpectralTable, Wanted};
 use camrig_base::{Bands, Cfa, Error, Plane, Result};
 use camrig_camera::Camera;
 use camrig_light::Illuminant;
+use camrig_scene::Quantity;
 use camrig_scene::chart::colorchecker;
-use camrig_scene::stored::{self, Description};
-use camrig_scene::{Quantity, numpy};
+use camrig_scene_files::numpy;
+use camrig_scene_files::stored::{self, Description};
 use std::path::Path;
 
 /// Reflectance of the white that [`Reference::White`] is of.

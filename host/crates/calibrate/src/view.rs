@@ -176,7 +176,7 @@ pub fn fit_chart(
 mod tests {
     use super::*;
     use camrig_camera::Camera;
-    use camrig_scene::{Grid, open};
+    use camrig_scene::{Grid, chart};
 
     /// A chart seen by a camera in closed form: light and scale are found, and the wrong place is
     /// refused.
@@ -187,7 +187,7 @@ mod tests {
         let sensitivity = Camera::load("mt9v024").unwrap().sensor.response(&bands);
         let light = Illuminant::parse("F11").unwrap();
         let channels = Channels::new(&sensitivity, &light.in_bands(&bands)).unwrap();
-        let chart = open("colorchecker").unwrap();
+        let chart = chart::open("colorchecker").unwrap().unwrap();
         let grid = Grid { width: 320, height: 240, left: -0.5, top: -0.375, cell: 1.0 / 320.0 };
         let planes: Vec<Plane<f32>> = (0..31).map(|b| chart.plane(b, &grid).unwrap()).collect();
         let frame = Plane::from_fn(320, 240, |x, y| {

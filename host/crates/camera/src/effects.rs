@@ -1,8 +1,8 @@
 //! `[[effect]]` tables of a camera file as effects of the sensor or of the optics.
 
 use super::empirical::{self, Word};
+use super::optical::OpticalEffect;
 use camrig_base::{Error, Result, toml_text};
-use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
 
 /// The effect that an `[[effect]]` table describes.

@@ -38,6 +38,7 @@ pub mod facts;
 mod file;
 mod kept_noise;
 pub mod keys;
+pub mod optical;
 mod prescription;
 pub mod presets;
 pub mod schema;
@@ -51,6 +52,7 @@ pub use camrig_base::Cfa;
 pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effect};
 pub use kept_noise::KeptNoise;
+pub use optical::OpticalEffect;
 pub use sensor::{Noise, SensorModel};
 pub use timing::{FrameClock, RowWindows, SensorTiming, Shutter};
 
@@ -76,7 +78,7 @@ pub struct Camera {
     /// from it.
     pub first_frame: u32,
     /// Effects of the optics beyond the description of the lens, in the file's order.
-    pub optical_effects: Vec<camrig_optics::OpticalEffect>,
+    pub optical_effects: Vec<OpticalEffect>,
     /// Text of the file, for reports.
     pub text: String,
 }
@@ -108,7 +110,7 @@ pub enum LensKind {
     /// Measured, or exported by a lens program, over a grid of field heights: a directory.
     Characterised(PathBuf),
     /// Traced from a prescription: a file, and how the lens is used.
-    Prescription(Box<camrig_lens::Setup>),
+    Prescription(Box<camrig_prescription::Setup>),
 }
 
 /// Relative illumination over the field.

@@ -5,8 +5,7 @@ use super::check::Keys;
 use super::file::LensFile;
 use super::keys::{DISTANCES_MM, FREQUENCIES_PER_MM, SHIFTS_MM, STOP_RADII_MM, WAVELENGTHS_NM};
 use camrig_base::{Error, Result};
-use camrig_lens::system::Focus;
-use camrig_lens::{Conditions, Glass, Setup};
+use camrig_prescription::{Conditions, Focus, Glass, Setup};
 
 /// The first key of a file that says how a prescription is used.
 pub(super) fn given(file: &LensFile) -> Option<&'static str> {
@@ -70,8 +69,7 @@ pub(super) fn setup(file: &LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Re
 mod tests {
     use crate::{Camera, Folder, LensKind};
     use camrig_base::Result;
-    use camrig_lens::system::Focus;
-    use camrig_lens::{Conditions, Setup};
+    use camrig_prescription::{Conditions, Focus, Setup};
     use std::path::Path;
 
     fn setup(keys: &str) -> Result<Setup> {

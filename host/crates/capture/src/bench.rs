@@ -15,7 +15,7 @@ use camrig_captures::manifest::ManifestWriter;
 use camrig_captures::{Capture, Light, Role, Rotation, Scan, Uniformity};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::{Facts, Format, Frames};
-use camrig_render::{Arithmetic, SimulatedSensor};
+use camrig_render::SimulatedSensor;
 use std::path::Path;
 
 /// Wavelengths of the filters, nm.
@@ -75,13 +75,17 @@ pub fn bench(
     let mut manifest = ManifestWriter::new(facts, None, &camera.name);
     let mut number = first_frame;
     let mut shoot = |cube: &IrradianceCube, chosen: &[&Point]| -> Result<Vec<Vec<Plane<u16>>>> {
-        let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
+        let sensor = SimulatedSensor::new(camera, &cube.header)?;
         let mut stacks = vec![Vec::with_capacity(frames as usize); chosen.len()];
         for i in 0..frames {
             let settings = camera.settings(number, exposure_s, None);
             number = number.wrapping_add(1);
             let before = (i > 0).then_some(cube);
-            let frame = sensor.frame(cube, before, &settings, Arithmetic::F32)?;
+            let frame = sensor.frame_with(
+                cube,
+                &settings,
+                camrig_render::FrameOptions { before, ..camrig_render::FrameOptions::default() },
+            )?;
             for (stack, p) in stacks.iter_mut().zip(chosen) {
                 stack.push(window(&frame, p.left, p.top));
             }

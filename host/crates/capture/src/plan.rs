@@ -9,7 +9,7 @@
 use camrig_base::alternatives::Numbers;
 use camrig_base::{Error, ErrorCode, Result, mistakes, toml_text};
 use camrig_captures::{CapturedScene, Light, Role};
-use camrig_scene::sequence::{self, folder};
+use camrig_scene_files::sequence::{self, folder};
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::path::Path;

@@ -117,7 +117,7 @@ pub fn take(
         };
         // Each stack begins with a start of the sensor.
         let camera = &Camera { first_frame: frame_number, ..camera.clone() };
-        let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
+        let sensor = SimulatedSensor::new(camera, &cube.header)?;
         stage.set_camera(&sensor)?;
         let mut clock = clock(camera, options.lamps)?;
         let mut lit_before: Option<IrradianceCube> = None;

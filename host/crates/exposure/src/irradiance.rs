@@ -59,6 +59,14 @@ fn one() -> f64 {
 }
 
 impl CubeHeader {
+    /// Key of the response in [`Self::made_for`] of cubes of electrons per second.
+    pub const RESPONSE: &str = "sensor.response";
+
+    /// Whether the cube holds electrons per second, made for one response, in place of irradiance.
+    pub fn holds_electrons(&self) -> bool {
+        self.made_for.contains_key(Self::RESPONSE)
+    }
+
     /// The bands.
     pub fn spectral_bands(&self) -> Bands {
         Bands { start_nm: self.first_band_nm, step_nm: self.band_step_nm, count: self.bands }

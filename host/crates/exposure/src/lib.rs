@@ -6,8 +6,10 @@ mod displacement;
 mod irradiance;
 pub mod parallel;
 pub mod rows;
+mod sensor;
 mod weighted;
 
 pub use displacement::displacement;
 pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
+pub use sensor::{Arithmetic, FrameOptions, SimulatedSensor};
 pub use weighted::weighted;

@@ -7,23 +7,13 @@
 //! specification 1.4, chapter 6) would find a wrong one. Both are scaled to white: Y = 1 and the
 //! largest channel 1. All in f64.
 
+use camrig_base::color::Matrix;
 use camrig_base::{Error, Result, Spectrum};
-
-/// Rows of a 3 x 3 matrix.
-pub type Matrix = [[f64; 3]; 3];
 
 /// Range and step of the sums, nm: CIE 1931 2° functions at 10 nm (CIE 015).
 const FIRST_NM: i32 = 380;
 const LAST_NM: i32 = 780;
 const STEP_NM: usize = 10;
-
-/// Linear sRGB (D65 white = 1, 1, 1) to CIE XYZ (Y of white = 1), from the primaries and the white
-/// of IEC 61966-2-1.
-pub const XYZ_FROM_SRGB: Matrix = [
-    [0.412_390_8, 0.357_584_3, 0.180_480_8],
-    [0.212_639_0, 0.715_168_7, 0.072_192_3],
-    [0.019_330_8, 0.119_194_8, 0.950_532_2],
-];
 
 /// Smallest determinant of the normal equations, relative to the product of their diagonal, for
 /// which reflectances count as different colours. Colours on one line through white leave only the
@@ -162,25 +152,6 @@ fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Matrix product.
-pub fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
-}
-
-/// Inverse by cofactors; `None` for a singular or non-finite matrix.
-pub fn inverse(m: &Matrix) -> Option<Matrix> {
-    let minor = |i: usize, j: usize| {
-        let (r, s) = ((i + 1) % 3, (i + 2) % 3);
-        let (c, d) = ((j + 1) % 3, (j + 2) % 3);
-        m[r][c] * m[s][d] - m[r][d] * m[s][c]
-    };
-    let determinant: f64 = (0..3).map(|j| m[0][j] * minor(0, j)).sum();
-    if !determinant.is_normal() {
-        return None;
-    }
-    Some(std::array::from_fn(|i| std::array::from_fn(|j| minor(j, i) / determinant)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -229,17 +200,5 @@ mod tests {
             assert!((camera - fit.neutral[k]).abs() < 1e-12);
         }
         assert!(fit.rms > 1e-4, "this camera is no linear mixture: {}", fit.rms);
-    }
-
-    #[test]
-    fn inverse_undoes() {
-        let m = [[2.0, 1.0, 0.0], [0.5, 3.0, -1.0], [0.1, 0.2, 4.0]];
-        let one = multiply(&m, &inverse(&m).unwrap());
-        for (i, row) in one.iter().enumerate() {
-            for (j, v) in row.iter().enumerate() {
-                assert!((v - f64::from(u8::from(i == j))).abs() < 1e-15);
-            }
-        }
-        assert_eq!(inverse(&[[1.0; 3]; 3]), None);
     }
 }

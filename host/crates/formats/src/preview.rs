@@ -4,8 +4,8 @@
 //! Brightness is as captured, the white level becoming white, or automatic ([`bright`]), as raw
 //! converters show a picture that nobody has developed yet.
 
-use super::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
 use super::dng_info::{DngInfo, black_levels};
+use camrig_base::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
 use camrig_base::{Plane, RawFrame};
 use rayon::prelude::*;
 

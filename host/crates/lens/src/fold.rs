@@ -1,8 +1,7 @@
 //! Plane folds undone: a lens whose axis is only folded by plane mirrors traces as the straight
 //! lens, mirror images aside.
 
-use super::frame::Frame;
-use super::prescription::{Form, Medium, Object, Prescription, Surface};
+use super::prescription::{Form, Medium, Object, Pose, Prescription, Surface};
 
 /// A ray along the axis may miss vertices by this much, mm, and be inclined by as much: rounding of
 /// angles and lengths that files print to some 12 digits.
@@ -17,7 +16,7 @@ struct Axis {
 }
 
 impl Axis {
-    fn enter(&mut self, frame: Option<&Frame>) {
+    fn enter(&mut self, frame: Option<&Pose>) {
         if let Some(frame) = frame {
             self.position = frame.point(self.position);
             self.direction = frame.direction(self.direction);

@@ -6,9 +6,7 @@
 //! such that all rays between an object point and its image have equal paths, with the object at
 //! its paraxial place in front of the surface.
 
-use super::prescription::Object;
-use super::trace::{Rays, TrainSurface};
-use camrig_base::{Error, Result};
+use super::rays::Rays;
 
 /// An ideal lens at one wavelength.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,39 +47,6 @@ impl Ideal {
         }
     }
 }
-
-/// Sets the vergences of all ideal lenses in a train for an object there.
-///
-/// # Errors
-/// An ideal lens in an image of the object: its path is not defined there.
-pub(super) fn set_vergences(surfaces: &mut [TrainSurface], object: Object) -> Result<()> {
-    let (mut height, mut slope) = match object {
-        Object::Infinity => (1.0, 0.0),
-        Object::Distance(d) => (d, 1.0),
-    };
-    let mut sign = 1.0;
-    for (i, surface) in surfaces.iter_mut().enumerate() {
-        if let Some(ideal) = surface.ideal_mut() {
-            ideal.vergence = slope / height;
-            if !(ideal.vergence.is_finite() && (ideal.vergence / ideal.power).abs() < IN_IMAGE) {
-                return Err(Error::unsupported("a paraxial surface lies in an image")
-                    .at(format!("surface {}", i + 1))
-                    .help("the optical path through it is not defined there; leave it out"));
-            }
-        }
-        let before = sign * surface.before;
-        if surface.mirror {
-            sign = -sign;
-        }
-        let after = sign * surface.after;
-        slope -= height * surface.power(before, after)[1];
-        height += slope * surface.thickness / after;
-    }
-    Ok(())
-}
-
-/// Focal lengths over the object's distance from which on a lens counts as lying in an image.
-const IN_IMAGE: f64 = 1e9;
 
 #[cfg(test)]
 mod tests {

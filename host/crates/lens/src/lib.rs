@@ -1,5 +1,4 @@
-//! Real lenses: prescriptions and their files, a sequential ray tracer, and importers for the
-//! results of other lens programs.
+//! Real lenses: a sequential ray tracer.
 //!
 //! A prescription (surfaces, glasses, stop, fields) is traced with exact rays to the figures and
 //! point-spread functions over field and wavelength that the optics engine renders through, a
@@ -7,7 +6,8 @@
 //! angles in degrees, optical path differences in waves.
 //!
 //! ```
-//! use camrig_lens::{Catalogue, Conditions, System, characterise, toml};
+//! use camrig_lens::prescription::toml;
+//! use camrig_lens::{Catalogue, Conditions, System, characterise};
 //!
 //! let singlet = r#"
 //!     format = "camrig-prescription/1"
@@ -35,11 +35,10 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 //!
-//! The stages, each a module: [`read_prescription`] → [`System`] (paraxial figures, stop) →
+//! The stages, each a module: [`prescription`] → [`System`] (paraxial figures, stop) →
 //! [`train::Train`] (one wavelength) → [`pupil::Beam`] (one field point, chief ray) →
 //! [`pupil::Outline`] (the part of the pupil that the apertures pass) → [`samples::PupilSamples`]
-//! (traced rays) → [`psf`]. [`mod@characterise`] runs them over field and wavelength; [`import`]
-//! reads what other programs computed.
+//! (traced rays) → [`psf`]. [`mod@characterise`] runs them over field and wavelength.
 //!
 //! # Conventions
 //! - Lenses are sequential: spheres, conics, even and odd polynomials, Forbes aspheres, ideal thin
@@ -74,89 +73,22 @@ mod best_focus;
 pub mod characterise;
 pub mod field;
 mod fold;
-pub mod forbes;
-pub mod frame;
 pub mod heights;
 pub mod ideal;
-pub mod import;
 pub mod paraxial;
-pub mod prescription;
+mod prepare;
 pub mod psf;
 pub mod pupil;
+mod rays;
 mod real_height;
 pub mod samples;
 pub mod section;
-pub mod seq;
-mod setup;
 pub mod system;
 pub mod tolerance;
-pub mod toml;
 pub mod trace;
 pub mod train;
-pub mod zmx;
+mod vergence;
 
-#[cfg(test)]
-mod tests;
-
-pub use camrig_glass::{Catalogue, Glass};
-pub use prescription::Prescription;
-pub use setup::Setup;
-pub use system::{Conditions, System};
-
-use camrig_base::{Error, Result};
-use camrig_glass::files;
-use camrig_glass::text::read_text;
-use std::path::Path;
-
-/// Reads a prescription: `.zmx` (Zemax), `.seq` (CODE V) or `.toml` ([`toml`]), by extension. Glass
-/// catalogues (`.agf`) in its folder are known to it. [`Setup`] says more about how it is read.
-///
-/// # Errors
-/// An unknown extension; what is wrong in the file, with its line.
-pub fn read_prescription(path: &Path, glasses: &Catalogue) -> Result<Prescription> {
-    read_configuration(path, glasses, None)
-}
-
-/// Reads a prescription in one of its configurations.
-fn read_configuration(
-    path: &Path,
-    glasses: &Catalogue,
-    configuration: Option<&str>,
-) -> Result<Prescription> {
-    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    let known = extension.as_deref().filter(|e| ["zmx", "seq", "toml"].contains(e));
-    let extension = known.ok_or_else(|| {
-        Error::unsupported(format!("{} is no lens prescription", path.display()))
-            .help("known are .zmx (Zemax), .seq (CODE V) and .toml")
-    })?;
-    let glasses = files::beside(path, glasses)?;
-    let text = read_text(path)?;
-    let read = match extension {
-        "zmx" => zmx::read_configuration(&text, &glasses, configuration),
-        "seq" => seq::read_position(&text, &glasses, configuration),
-        _ => only_configuration(configuration).and_then(|()| toml::read(&text, &glasses)),
-    };
-    let mut prescription = read.map_err(|e| e.at(path.display()))?;
-    if prescription.name.is_empty() {
-        let stem = path.file_stem().unwrap_or_default();
-        prescription.name = stem.to_string_lossy().into_owned();
-    }
-    Ok(prescription)
-}
-
-/// Refuses a kind of lens that the tracer does not know.
-fn refuse(what: &str) -> Result<()> {
-    Err(Error::unsupported(format!("{what} cannot be traced")).help(
-        "lenses that form an image by conics, polynomials, Forbes aspheres, biconics, toroids and \
-         mirrors are traced, tilted and decentred too",
-    ))
-}
-
-/// Refuses a configuration other than the first of a file that has one.
-fn only_configuration(wanted: Option<&str>) -> Result<()> {
-    match wanted {
-        None | Some("1") => Ok(()),
-        Some(name) => Err(Error::input(format!("no configuration \"{name}\""))
-            .help("the file has one configuration; leave the choice out")),
-    }
-}
+pub use camrig_prescription as prescription;
+pub use prescription::{Catalogue, Conditions, Focus, Glass, Prescription, forbes};
+pub use system::System;

@@ -137,7 +137,8 @@ pub fn foci(system: &System, fields_deg: &[f64], nm: f64) -> Result<Vec<Foci>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Catalogue, Conditions, toml};
+    use crate::prescription::toml;
+    use crate::{Catalogue, Conditions};
 
     const RADIUS_MM: f64 = 50.0;
 

@@ -1,54 +1,16 @@
 //! A prescription prepared for tracing: paraxial figures, the real radius of the stop, and the
-//! lens at each wavelength.
+//! lens at each wavelength. How it is prepared is in `prepare`.
 
-use super::best_focus;
-use super::fold;
-use super::ideal::{self, Ideal};
+use super::ideal::Ideal;
 use super::paraxial::{self, Paraxial};
 use super::prescription::{Clip, FieldKind, Form, Medium, Object, Prescription};
 use super::pupil::Beam;
 use super::real_height;
 use super::trace::{Shape, TrainSurface};
 use super::train::Train;
-use camrig_base::{Error, ErrorCode, Result};
+use super::vergence;
+use camrig_base::{Error, Result};
 use camrig_glass::Glass;
-
-/// Width of a point's spot over that of the exit pupil from which on a sensor is told to be far out
-/// of focus. Chosen: a camera focused at infinity sees an object at ten focal lengths so.
-const WIDEST_SPOT: f64 = 0.1;
-/// Relative difference of stop radii from which on they are not one.
-const SAME_STOP: f64 = 1e-6;
-
-/// How a lens is used, where that differs from its prescription.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Conditions {
-    /// Object distance in front of the first surface, mm (infinite is allowed).
-    pub object_distance_mm: Option<f64>,
-    /// Where the sensor is.
-    pub focus: Focus,
-    /// The sensor moved away from the lens by this much, mm, from where `focus` puts it.
-    pub sensor_shift_mm: f64,
-    /// Radius of the stop instead of the one the prescription's aperture gives, mm.
-    pub stop_radius_mm: Option<f64>,
-    /// Wavelength of paraxial figures and of the stop's radius instead of the prescription's, nm.
-    pub reference_nm: Option<f64>,
-}
-
-/// Where the sensor is, before [`Conditions::sensor_shift_mm`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Focus {
-    /// Where the prescription has the image, whatever the object distance.
-    #[default]
-    AsDesigned,
-    /// Focused by moving the sensor: away from where the prescription has the image by as much as
-    /// the paraxial image moves from the prescription's object to one at this distance in front of
-    /// the first surface, mm (infinite is allowed). What the design chose between paraxial and
-    /// best focus is kept.
-    At(f64),
-    /// Where the MTF on the axis at this many cycles per mm, averaged over the design
-    /// wavelengths, is largest.
-    BestMtf(f64),
-}
 
 /// A lens ready to trace.
 #[derive(Clone, Debug)]
@@ -66,91 +28,6 @@ pub struct System {
 }
 
 impl System {
-    /// Prepares a prescription for use under `conditions`.
-    ///
-    /// # Errors
-    /// An invalid prescription, glasses without data at the reference wavelength, a lens without
-    /// power, a stop that light does not fill.
-    pub fn new(prescription: Prescription, conditions: Conditions) -> Result<Self> {
-        prescription.validate()?;
-        let mut prescription = fold::unfolded(prescription);
-        let designed = prescription.object;
-        if let Some(distance) = conditions.object_distance_mm {
-            prescription.object = object_at(distance);
-        }
-        let reference_nm = conditions.reference_nm.unwrap_or(prescription.reference_nm);
-        prescription.reference_nm = reference_nm;
-        prescription.validate()?;
-        if conditions.reference_nm.is_some() {
-            // Another one is no substitute for a wavelength that a person gave.
-            surfaces_at(&prescription, reference_nm).map_err(|e| e.at("reference wavelength"))?;
-        }
-        keep_known_wavelengths(&mut prescription);
-        if let Focus::At(distance) = conditions.focus {
-            focus_at(&mut prescription, designed, distance)?;
-        }
-        if !matches!(conditions.focus, Focus::BestMtf(_)) {
-            move_sensor(&mut prescription, conditions.sensor_shift_mm)?;
-        }
-        let surfaces = surfaces_at(&prescription, prescription.reference_nm)?;
-        let paraxial = paraxial_of(&prescription, &surfaces)?;
-        let from_file = paraxial::stop_radius(&paraxial, &prescription)?;
-        let stop_radius_mm = match conditions.stop_radius_mm {
-            Some(radius) => finite("stop radius", radius)?,
-            None => from_file,
-        };
-        if !(stop_radius_mm.is_finite() && stop_radius_mm > 0.0) {
-            return Err(Error::input(format!("the stop radius comes out as {stop_radius_mm} mm"))
-                .help("give another aperture, or the radius of the stop")
-                .with_code(ErrorCode::StopRadius));
-        }
-        if conditions.stop_radius_mm.is_none() {
-            let note = stop_for_another_object(&prescription, &surfaces, designed, from_file);
-            prescription.notes.extend(note);
-        }
-        let entrance_pupil_mm = 2.0 * stop_radius_mm * paraxial.entrance_magnification.abs();
-        let mut system = Self { prescription, paraxial, stop_radius_mm, entrance_pupil_mm };
-        system.clear_apertures_from_vignetting()?;
-        if let Focus::BestMtf(per_mm) = conditions.focus {
-            system.focus_by_mtf(per_mm)?;
-            move_sensor(&mut system.prescription, conditions.sensor_shift_mm)?;
-        }
-        system.tell_of_no_image();
-        Ok(system)
-    }
-
-    /// Notes a sensor so far from the paraxial image that there is none on it, as behind a lens
-    /// that is nearly afocal.
-    fn tell_of_no_image(&mut self) {
-        let image = self.paraxial.image_distance_mm;
-        let sensor = self.prescription.surfaces.last().map_or(0.0, |s| s.thickness);
-        let part = ((image - sensor) / (image - self.paraxial.exit_z_mm)).abs();
-        // Paraxial figures know of no tilts.
-        if part > WIDEST_SPOT && self.prescription.asymmetry().is_none() {
-            self.prescription.notes.push(format!(
-                "the sensor is far out of focus, {sensor:.6} mm behind the last surface, with the \
-                 paraxial image at {image:.6} mm: a point on the axis makes a spot of {:.0} % of \
-                 the exit pupil's width",
-                100.0 * part
-            ));
-        }
-    }
-
-    /// Moves the sensor to the best MTF on the axis, and notes by how much.
-    fn focus_by_mtf(&mut self, per_mm: f64) -> Result<()> {
-        let best = best_focus::find(self, per_mm).map_err(|e| e.at("best focus"))?;
-        let away = best.shift_mm * away_from_lens(&self.prescription);
-        let last = self.prescription.surfaces.len() - 1;
-        self.prescription.surfaces[last].thickness += best.shift_mm;
-        self.prescription.notes.push(format!(
-            "the sensor is {} the lens than in the file: best MTF at {per_mm} cycles/mm on the \
-             axis ({:.4}, mean over the design wavelengths)",
-            moved(away),
-            best.mtf
-        ));
-        Ok(())
-    }
-
     /// The same lens with the sensor farther away from it, mm.
     ///
     /// # Errors
@@ -169,7 +46,7 @@ impl System {
         let p = &self.prescription;
         let mut surfaces = surfaces_at(p, nm)?;
         let paraxial = paraxial_of(p, &surfaces)?;
-        ideal::set_vergences(&mut surfaces, p.object)?;
+        vergence::set_vergences(&mut surfaces, p.object)?;
         if !p.telecentric {
             surfaces[p.stop].clips.push(Clip::circle(self.stop_radius_mm));
         }
@@ -289,108 +166,17 @@ impl System {
         let height = |deg: f64| Ok(Beam::aim(&train, deg)?.height_mm().abs());
         real_height::first_field(mm, height)
     }
-
-    /// Derives clear apertures where a file gives vignetting factors instead: as in CODE V, every
-    /// surface gets the smallest aperture that passes the reference rays (upper, lower and side
-    /// rims of each field's vignetted pupil, at every design wavelength).
-    fn clear_apertures_from_vignetting(&mut self) -> Result<()> {
-        let p = &self.prescription;
-        if !p.fields.vignetting.iter().flatten().any(|v| *v != 0.0) {
-            return Ok(());
-        }
-        let passed_over = if p.surfaces.iter().any(|s| !s.clips.is_empty()) {
-            Some("as surfaces have apertures, which alone cut the light")
-        } else if p.asymmetry().is_some() {
-            Some("as the lens is not rotationally symmetric: give apertures")
-        } else {
-            None
-        };
-        if let Some(why) = passed_over {
-            let note = format!("vignetting factors are passed over, {why}");
-            self.prescription.notes.push(note);
-            return Ok(());
-        }
-        let mut radii = vec![0.0_f64; p.surfaces.len()];
-        let fields = self.fields_deg()?;
-        for nm in &p.wavelengths_nm {
-            let train = self.at(*nm)?;
-            for (i, deg) in fields.iter().enumerate() {
-                let beam = Beam::aim(&train, *deg)?;
-                for [x, y] in self.rim_of_vignetted_pupil(i) {
-                    let heights = beam.heights_of_pupil_ray(x, y)?;
-                    radii.iter_mut().zip(heights).for_each(|(r, h)| *r = r.max(h));
-                }
-            }
-        }
-        let stop = p.stop;
-        for (i, (surface, radius)) in self.prescription.surfaces.iter_mut().zip(radii).enumerate()
-        {
-            if i != stop && radius > 0.0 {
-                surface.clips.push(Clip::circle(radius));
-            }
-        }
-        self.prescription.notes.push(
-            "clear apertures follow from the vignetting factors (the file gives no apertures)"
-                .into(),
-        );
-        Ok(())
-    }
-
-    /// Middle and rim, right, left, upper and lower, of the pupil of field `i` that its vignetting
-    /// factors leave, in the pupil's radius, turned so that the chief ray comes from below the
-    /// axis.
-    fn rim_of_vignetted_pupil(&self, i: usize) -> [[f64; 2]; 5] {
-        let fields = &self.prescription.fields;
-        let [ux, lx, uy, ly] = fields.vignetting[i];
-        let upwards = match (fields.kind, self.prescription.object) {
-            (FieldKind::Angle, _) => 1.0,
-            (FieldKind::ObjectHeight, _) => -1.0,
-            (_, Object::Infinity) => self.paraxial.efl_mm.signum(),
-            (_, Object::Distance(_)) => -self.paraxial.magnification.signum(),
-        };
-        let [x, y] = fields.places.get(i).copied().unwrap_or_default().map(|v| v * upwards);
-        let length = (x * x + y * y).sqrt();
-        let [sine, cosine] = if length > 0.0 { [x / length, y / length] } else { [0.0, 1.0] };
-        let rim = [[0.0; 2], [1.0 - ux, 0.0], [lx - 1.0, 0.0], [0.0, 1.0 - uy], [0.0, ly - 1.0]];
-        rim.map(|[x, y]| [x * cosine - y * sine, x * sine + y * cosine])
-    }
 }
 
-fn object_at(distance_mm: f64) -> Object {
-    match distance_mm.is_infinite() && distance_mm > 0.0 {
-        true => Object::Infinity,
-        false => Object::Distance(distance_mm),
-    }
-}
-
-fn finite(name: &str, v: f64) -> Result<f64> {
+pub(super) fn finite(name: &str, v: f64) -> Result<f64> {
     match v.is_finite() {
         true => Ok(v),
         false => Err(Error::input(format!("{name} {v}")).help("give a finite number, in mm")),
     }
 }
 
-/// A word on an aperture that makes another stop, mm, than it does for the object of the file:
-/// numerical apertures and working f-numbers are kept where the object moves.
-fn stop_for_another_object(
-    prescription: &Prescription,
-    surfaces: &[TrainSurface],
-    designed: Object,
-    stop_mm: f64,
-) -> Option<String> {
-    let own = Prescription { object: designed, ..prescription.clone() };
-    let paraxial = paraxial_of(&own, surfaces).ok()?;
-    let own_mm = paraxial::stop_radius(&paraxial, &own).ok()?;
-    ((own_mm - stop_mm).abs() > SAME_STOP * own_mm).then(|| {
-        format!(
-            "the file's aperture is kept for another object than the file's: the stop's radius is \
-             {stop_mm:.6} mm instead of {own_mm:.6} mm"
-        )
-    })
-}
-
 /// 1 where "away from the lens" is towards +z; −1 behind an odd number of mirrors.
-fn away_from_lens(prescription: &Prescription) -> f64 {
+pub(super) fn away_from_lens(prescription: &Prescription) -> f64 {
     match mirrors(prescription) % 2 {
         0 => 1.0,
         _ => -1.0,
@@ -398,86 +184,17 @@ fn away_from_lens(prescription: &Prescription) -> f64 {
 }
 
 /// Moves the sensor away from the lens.
-fn move_sensor(prescription: &mut Prescription, shift_mm: f64) -> Result<()> {
+pub(super) fn move_sensor(prescription: &mut Prescription, shift_mm: f64) -> Result<()> {
     let last = prescription.surfaces.len() - 1;
     prescription.surfaces[last].thickness +=
         away_from_lens(prescription) * finite("sensor shift", shift_mm)?;
     Ok(())
 }
 
-/// Focuses at a distance by moving the sensor ([`Focus::At`]), and notes by how much.
-fn focus_at(prescription: &mut Prescription, designed: Object, distance_mm: f64) -> Result<()> {
-    let wrong = |what: String| {
-        Error::input(what)
-            .help("focus at a distance beyond the front focus, in mm in front of the lens")
-    };
-    if distance_mm.is_nan() || distance_mm <= 0.0 {
-        return Err(wrong(format!("focus distance {distance_mm}")));
-    }
-    let surfaces = surfaces_at(prescription, prescription.reference_nm)?;
-    let image_of = |object| Paraxial::of(&surfaces, prescription.stop, object, false);
-    let image = image_of(object_at(distance_mm))?;
-    // Up to the front focus the image is virtual, and magnification and focal length have one
-    // sign.
-    if image.magnification * image.efl_mm > 0.0 {
-        return Err(wrong(format!("an object at {distance_mm} mm has no real image")));
-    }
-    let shift_mm = image.image_distance_mm - image_of(designed)?.image_distance_mm;
-    let away = away_from_lens(prescription);
-    let last = prescription.surfaces.len() - 1;
-    prescription.surfaces[last].thickness += shift_mm;
-    prescription.notes.push(format!(
-        "focused at {distance_mm} mm: the sensor is {} the lens than in the file",
-        moved(shift_mm * away)
-    ));
-    Ok(())
-}
-
-/// By how much the sensor is away from where the file has it, in words before "the lens".
-fn moved(away_mm: f64) -> String {
-    let way = if away_mm < 0.0 { "nearer to" } else { "farther from" };
-    format!("{:.6} mm {way}", away_mm.abs())
-}
-
-/// Leaves out design wavelengths at which a glass has no data, with a note, as long as others
-/// remain; the one nearest to it takes the place of such a reference wavelength.
-fn keep_known_wavelengths(prescription: &mut Prescription) {
-    let lacking = |nm: f64| {
-        prescription.surfaces.iter().find_map(|s| match &s.medium {
-            Medium::Glass(glass) => glass.index(nm).is_err().then(|| {
-                let [low, high] = glass.range_nm;
-                format!("glass {} is known from {low} to {high} nm", glass.name)
-            }),
-            _ => None,
-        })
-    };
-    let mut notes = Vec::new();
-    let (mut known, mut weights) = (Vec::new(), Vec::new());
-    for (i, &nm) in prescription.wavelengths_nm.iter().enumerate() {
-        match lacking(nm) {
-            None => {
-                known.push(nm);
-                weights.extend(prescription.wavelength_weights.get(i));
-            }
-            Some(why) => notes.push(format!("the wavelength {nm} nm is left out: {why}")),
-        }
-    }
-    let old = prescription.reference_nm;
-    let distance = |nm: &f64| (nm - old).abs();
-    let nearest = known.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    // With nothing left the tracer says at which surface the data end.
-    let Some(nearest) = nearest else { return };
-    if let Some(why) = lacking(old) {
-        notes.push(format!("the reference wavelength is {nearest} nm instead of {old} nm: {why}"));
-        prescription.reference_nm = nearest;
-    }
-    notes.extend(prescription.beyond_data(&known));
-    prescription.wavelengths_nm = known;
-    prescription.wavelength_weights = weights;
-    prescription.notes.extend(notes);
-}
-
-fn paraxial_of(prescription: &Prescription, surfaces: &[TrainSurface]) -> Result<Paraxial> {
+pub(super) fn paraxial_of(
+    prescription: &Prescription,
+    surfaces: &[TrainSurface],
+) -> Result<Paraxial> {
     let p = prescription;
     Paraxial::of(surfaces, p.stop, p.object, p.telecentric)
 }
@@ -487,7 +204,7 @@ fn mirrors(prescription: &Prescription) -> usize {
 }
 
 /// The surfaces with their indices at a wavelength.
-fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>> {
+pub(super) fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>> {
     let index = |glass: &Glass| glass.index(nm);
     let (mut before, mut forward) = (1.0, true);
     let mut train = Vec::with_capacity(prescription.surfaces.len());

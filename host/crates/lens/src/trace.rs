@@ -9,9 +9,9 @@
 //! same bits on every machine.
 
 use super::forbes::Forbes;
-use super::frame::Frame;
 use super::ideal::Ideal;
-use super::prescription::Clip;
+use super::prescription::{Clip, Pose};
+pub use super::rays::{Rays, Start};
 use camrig_vector::vectorised;
 
 /// A surface ready to trace at one wavelength, in its own vertex coordinates.
@@ -43,9 +43,9 @@ pub struct TrainSurface {
     pub shape: Shape,
     /// Its own coordinates in those that the thickness in front leads to, where it is tilted or
     /// decentred.
-    pub entry: Option<Frame>,
+    pub entry: Option<Pose>,
     /// The coordinates behind it, in which its thickness is measured, in its own.
-    pub exit: Option<Frame>,
+    pub exit: Option<Pose>,
 }
 
 /// What a surface is beyond conic and polynomials.
@@ -74,85 +74,13 @@ pub enum Shape {
     Break,
 }
 
-/// Where a ray starts.
-#[derive(Clone, Copy, Debug)]
-pub struct Start {
-    /// Position relative to the vertex of the first surface, mm.
-    pub position: [f64; 3],
-    /// Direction cosines.
-    pub direction: [f64; 3],
-    /// Its optical path up to there, mm.
-    pub path: f64,
-}
-
-/// N rays: position relative to the vertex of the surface they are at, direction, optical path,
-/// and whether an aperture stops them.
-#[derive(Clone, Debug)]
-pub struct Rays<const N: usize> {
-    /// x, y, z in mm.
-    pub position: [[f64; N]; 3],
-    /// Direction cosines.
-    pub direction: [[f64; N]; 3],
-    /// Optical path up to there, mm, from where [`Start::path`] counts.
-    pub path: [f64; N],
-    /// Largest [`Clip::excess`] met so far: above 0 for rays that an aperture stops.
-    pub excess: [f64; N],
-}
-
-impl<const N: usize> Rays<N> {
-    /// N rays without position or direction (NaN), to be set.
-    #[must_use]
-    pub fn nowhere() -> Self {
-        Self {
-            position: [[f64::NAN; N]; 3],
-            direction: [[f64::NAN; N]; 3],
-            path: [0.0; N],
-            excess: [-1.0; N],
-        }
-    }
-
-    /// Places ray `i`.
-    pub fn set(&mut self, i: usize, position: [f64; 3], direction: [f64; 3]) {
-        for axis in 0..3 {
-            self.position[axis][i] = position[axis];
-            self.direction[axis][i] = direction[axis];
-        }
-        self.path[i] = 0.0;
-        self.excess[i] = -1.0;
-    }
-
-    /// Places ray `i` where it starts.
-    pub fn launch(&mut self, i: usize, start: &Start) {
-        self.set(i, start.position, start.direction);
-        self.path[i] = start.path;
-    }
-
-    /// Ray `i` as (position, direction).
-    #[must_use]
-    pub fn get(&self, i: usize) -> ([f64; 3], [f64; 3]) {
-        (self.position.map(|v| v[i]), self.direction.map(|v| v[i]))
-    }
-
-    /// Whether ray `i` went through every surface (whatever the apertures say).
-    #[must_use]
-    pub fn alive(&self, i: usize) -> bool {
-        self.path[i].is_finite() && self.direction[2][i].is_finite()
-    }
-
-    /// Whether ray `i` went through every surface and every aperture.
-    #[must_use]
-    pub fn passes(&self, i: usize) -> bool {
-        self.alive(i) && self.excess[i] <= 0.0
-    }
-}
-
 impl TrainSurface {
     /// Carries the rays from where they are onto this surface (coordinates: this surface's
     /// vertex).
     #[inline(always)]
     pub fn meet<const N: usize>(&self, rays: &mut Rays<N>) {
         if let Some(entry) = &self.entry {
-            entry.enter(rays);
+            rays.enter(entry);
         }
         match &self.shape {
             Shape::Break => {}
@@ -368,7 +296,7 @@ impl TrainSurface {
             }),
         }
         if let Some(exit) = &self.exit {
-            exit.enter(rays);
+            rays.enter(exit);
         }
         for z in &mut rays.position[2] {
             *z -= self.thickness;

@@ -5,8 +5,8 @@
 //! the reference luminance of the white patch, so that exposure has no influence. ΔE2000 is
 //! computed in CIELAB relative to D65.
 
+use camrig_base::color::XYZ_FROM_SRGB;
 use camrig_base::{Error, Plane, Result, Spectrum};
-use camrig_formats::color::XYZ_FROM_SRGB;
 use camrig_light::delta_e::{delta_e_2000, lab};
 use camrig_light::{Illuminant, photometry};
 use camrig_scene::chart::colorchecker;
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn true_colours_have_no_error() {
         let truth = truth().unwrap();
-        let inverse = camrig_formats::color::inverse(&XYZ_FROM_SRGB).unwrap();
+        let inverse = camrig_base::color::inverse(&XYZ_FROM_SRGB).unwrap();
         let (width, height) = (360, 240);
         let card = Card { frame_width: width, card_width: 0.8 };
         let mut picture = Plane::filled(width, height, [0.01; 3]);

@@ -10,7 +10,7 @@
 //!   wavelength, as a lens program exports them or `camrig-lens` traces them; or
 //! - [`PlaneCharacterisation`]: the same over places of the image, of a lens without rotational
 //!   symmetry; or
-//! - any of them with [`Departures`], which a camera file names as [`effects`].
+//! - any of them with [`Departures`], which a camera file names as effects.
 //!
 //! [`mod@reference`] computes the same physics by direct sums; [`content`] makes keys for a cache
 //! of results. Lengths on the sensor are in µm where their names say so and in mm elsewhere,
@@ -86,7 +86,6 @@ pub mod characterisation;
 pub mod content;
 pub mod departures;
 pub mod diffraction;
-pub mod effects;
 pub mod engine;
 pub mod interpolate;
 pub mod reference;
@@ -96,7 +95,6 @@ pub use characterisation::tables::LensTables;
 pub use characterisation::{Between, Characterisation, PsfGrid};
 pub use departures::{Departed, Departures, Distortion};
 pub use diffraction::{Diffraction, Illumination};
-pub use effects::OpticalEffect;
 pub use engine::{
     Blur, Border, Device, DeviceChoice, Lens, Misplaced, NodeReport, Options, Otf, OverField,
     Report, SensorGrid, irradiance,

@@ -3,7 +3,7 @@
 //! Trial frames are taken and judged as a camera does it, by their samples; each time the exposure
 //! is scaled by what lacks. The result is rounded to three digits, so that it can be typed again.
 
-use super::{Arithmetic, SimulatedSensor};
+use super::SimulatedSensor;
 use camrig_base::{Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
@@ -59,7 +59,7 @@ pub fn exposure_s(
     let mut exposure_s = FIRST_S;
     for _ in 0..TRIALS {
         let settings = camera.settings(0, exposure_s, gain);
-        let frame = sensor.frame(cube, None, &settings, Arithmetic::F32)?;
+        let frame = sensor.frame(cube, &settings)?;
         let factor = correction(&frame, brightness);
         if (1.0 / factor - 1.0).abs() < ENOUGH {
             return Ok(three_digits(exposure_s));
@@ -135,10 +135,10 @@ mod tests {
         let light = SceneLight::lux("D65", lux);
         let options = Options::default();
         let cube = scene_irradiance(&camera, scene, &light, &options, |_, _| ()).unwrap().cube;
-        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let seconds = exposure_s(&camera, &sensor, &cube, None, brightness)?;
         let settings = camera.settings(7, seconds, None);
-        Ok((seconds, sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap()))
+        Ok((seconds, sensor.frame(&cube, &settings).unwrap()))
     }
 
     #[test]

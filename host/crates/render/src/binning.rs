@@ -171,7 +171,7 @@ mod tests {
     fn electrons(camera: &Camera, spec: &str) -> (Vec<f32>, Vec<String>) {
         let light = SceneLight::lux("D65", 300.0);
         let seen = scene_irradiance(camera, spec, &light, &Options::default(), |_, _| ()).unwrap();
-        let sensor = SimulatedSensor::new(camera, &seen.cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(camera, &seen.cube.header).unwrap();
         let electrons = sensor.electrons(&seen.cube, &camera.settings(0, 1.0, None)).unwrap();
         (electrons.data, seen.notes)
     }

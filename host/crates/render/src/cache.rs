@@ -222,7 +222,7 @@ fn entries(directory: &Path) -> impl Iterator<Item = (PathBuf, Metadata)> + use<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use camrig_scene as scene;
+    use camrig_scene::chart;
 
     fn rows(cube: &IrradianceCube) -> Vec<(Vec<u8>, Vec<u16>)> {
         let width = cube.header.width;
@@ -241,7 +241,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let mut camera = Camera::load("mt9t012").unwrap();
         (camera.sensor.width, camera.sensor.height) = (48, 32);
-        let chart = scene::open("slanted-edge").unwrap();
+        let chart = chart::open("slanted-edge").unwrap().unwrap();
         let count = chart.bands().count;
         let run = |camera: &Camera, level: f64| {
             let lit = LitScene { scene: &*chart, white: vec![level; count] };
@@ -275,7 +275,7 @@ mod tests {
         let mut camera = Camera::load("mt9t012").unwrap();
         (camera.sensor.width, camera.sensor.height) = (48, 32);
         camera.lens.kind = camrig_camera::LensKind::Characterised(tables.clone());
-        let chart = scene::open("slanted-edge").unwrap();
+        let chart = chart::open("slanted-edge").unwrap().unwrap();
         let lit = LitScene { scene: &*chart, white: vec![0.02; chart.bands().count] };
         let (options, about) = (Options::default(), About::default());
         let of_one = irradiance(&camera, &lit, &options, about.clone(), None, |_, _| {}).unwrap();

@@ -135,7 +135,7 @@ impl Collapse {
         }
         let lens = OneLens::new(camera, bands, options, directory)?;
         let mut made_for = lens.made_for.clone();
-        made_for.insert(made_for::RESPONSE.into(), made_for::response(camera)?);
+        made_for.insert(CubeHeader::RESPONSE.into(), made_for::response(camera)?);
         Ok(Self {
             lens,
             path,
@@ -261,7 +261,7 @@ fn of_electrons(header: CubeHeader, bands: &Bands) -> CubeHeader {
 /// Bands of the light that a cube is of. Electrons are of pictures, in bands of the usual width.
 #[must_use]
 pub fn light_bands(header: &CubeHeader) -> Bands {
-    if !made_for::holds_electrons(header) {
+    if !header.holds_electrons() {
         return header.spectral_bands();
     }
     let step_nm = Bands::VISIBLE.step_nm;

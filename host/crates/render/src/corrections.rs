@@ -74,7 +74,7 @@ fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32
         made_of: "even light".into(),
         made_for: Default::default(),
     };
-    let mut simulated = SimulatedSensor::new(camera, &header, 1.0)?;
+    let mut simulated = SimulatedSensor::new(camera, &header)?;
     let per_channel = sensor.response(&bands);
     let strongest = per_channel.iter().map(|r| r.iter().sum::<f64>()).fold(0.0, f64::max);
     let half = 0.5 * sensor.full_well_e
@@ -85,9 +85,9 @@ fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32
     if simulated.config.effects.is_empty() {
         return Ok(Vec::new());
     }
-    let with = simulated.frame(&cube, None, settings, Default::default())?;
+    let with = simulated.frame(&cube, settings)?;
     simulated.config.effects.clear();
-    let without = simulated.frame(&cube, None, settings, Default::default())?;
+    let without = simulated.frame(&cube, settings)?;
     let is_bad = |(with, without): (&u16, &u16)| {
         let signal = f64::from(*without) - sensor.black_level_dn;
         (f64::from(*with) - f64::from(*without)).abs() > BAD * signal
@@ -177,8 +177,8 @@ mod tests {
             made_for: Default::default(),
         };
         let cube = IrradianceCube::uniform(header.clone(), &[0.0]).unwrap();
-        let simulated = SimulatedSensor::new(&camera, &header, 1.0).unwrap();
-        let frame = simulated.frame(&cube, None, &settings, Default::default()).unwrap();
+        let simulated = SimulatedSensor::new(&camera, &header).unwrap();
+        let frame = simulated.frame(&cube, &settings).unwrap();
         let white: Vec<(u32, u32)> = (0..HEIGHT)
             .flat_map(|y| (0..WIDTH).map(move |x| (y, x)))
             .filter(|(y, x)| frame.data[(y * WIDTH + x) as usize] > 500)

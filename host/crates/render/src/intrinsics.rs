@@ -84,7 +84,7 @@ pub fn intrinsics(camera: &Camera) -> Result<Intrinsics> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use camrig_optics::OpticalEffect;
+    use camrig_camera::OpticalEffect;
 
     fn camera(effects: &[(&str, &[f32])]) -> Camera {
         let mut camera = Camera::load("mt9v024").unwrap();

@@ -1,11 +1,11 @@
 //! The lens of a camera file as the optics engine takes it.
 
+use super::optical_effects::Optics;
 use super::traced::Tracing;
 use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
 use camrig_optics::content::LensContent;
-use camrig_optics::effects::Optics;
 use camrig_optics::interpolate::MonotoneCubic;
 use camrig_optics::{Departed, Departures, Diffraction, Illumination};
 use camrig_optics::{Lens, LensTables, Options, SensorGrid};
@@ -180,9 +180,10 @@ fn characterised(path: &Path, defocus_um: f64) -> Result<LensTables> {
 mod tests {
     use super::*;
     use crate::{OpticsPath, OpticsStage, SceneLight, scene_irradiance};
-    use camrig_lens::Setup;
+    use camrig_camera::OpticalEffect;
+    use camrig_lens::prescription::Setup;
     use camrig_optics::diffraction::hopkins_otf;
-    use camrig_optics::{Blur, Characterisation, OpticalEffect};
+    use camrig_optics::{Blur, Characterisation};
     use std::path::PathBuf;
 
     fn steradians_and_mtf(camera: &Camera) -> (f64, f64) {

@@ -18,10 +18,10 @@
 //! let cube = scene_irradiance(&camera, "uniform:0.18", &light, &options, |_, _| ())?.cube;
 //!
 //! // Twice the exposure time is twice the signal above black, within noise.
-//! let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+//! let sensor = SimulatedSensor::new(&camera, &cube.header)?;
 //! let signal_dn = |exposure_s: f64| -> Result<f64, camrig_base::Error> {
 //!     let settings = camera.settings(0, exposure_s, None);
-//!     let frame = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+//!     let frame = sensor.frame(&cube, &settings)?;
 //!     let sum: f64 = frame.data.iter().map(|&dn| f64::from(dn)).sum();
 //!     Ok(sum / frame.data.len() as f64 - frame.black_level_dn)
 //! };
@@ -36,7 +36,6 @@ mod binning;
 pub mod cache;
 mod collapse;
 mod corrections;
-mod expose;
 pub mod hdr;
 mod intrinsics;
 mod kept_optics;
@@ -46,15 +45,16 @@ mod lighting;
 mod made_for;
 mod metadata;
 mod motion_stage;
+mod optical_effects;
 mod optics_stage;
 pub mod readout;
 mod sequence_stage;
 mod traced;
 
+pub use camrig_exposure::{Arithmetic, FrameOptions, SimulatedSensor};
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use collapse::{CollapseReport, OpticsPath, light_bands};
 pub use corrections::{Corrections, corrections};
-pub use expose::{Arithmetic, SimulatedSensor};
 pub use intrinsics::{Intrinsics, intrinsics};
 pub use lamp_rows::lamp_rows;
 pub use lens::{lens, lens_notes, sensor_grid};

@@ -67,7 +67,7 @@ impl SceneInLight {
     /// # Errors
     /// A scene or illuminant that cannot be read; an illuminant for a scene that holds radiance.
     pub fn open(spec: &str, frame_aspect: f64, light: &SceneLight<'_>) -> Result<Self> {
-        Self::of(scene::open(spec)?, spec, frame_aspect, light)
+        Self::of(camrig_scene_files::open(spec)?, spec, frame_aspect, light)
     }
 
     /// The same of a scene that is open already, of the name `spec`.
@@ -217,9 +217,9 @@ pub struct SceneIrradiance {
 /// let light = SceneLight::lux("D65", 300.0);
 /// let seen = scene_irradiance(&camera, "colorchecker", &light, &Options::default(), |_, _| ())?;
 /// let cube = seen.cube;
-/// let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+/// let sensor = SimulatedSensor::new(&camera, &cube.header)?;
 /// let settings = camera.settings(0, 10e-3, None);
-/// let frame = sensor.frame(&cube, None, &settings, Default::default())?;
+/// let frame = sensor.frame(&cube, &settings)?;
 /// assert_eq!((frame.width, frame.height), (32, 24));
 /// # Ok::<(), camrig_base::Error>(())
 /// ```

@@ -8,8 +8,7 @@
 use super::CubeHeader;
 use camrig_base::{Bands, Error, ErrorCode, Result, Spectrum};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
-use camrig_lens::Setup;
-use camrig_lens::system::Focus;
+use camrig_lens::prescription::{Focus, Setup};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -20,14 +19,6 @@ pub type MadeFor = BTreeMap<String, String>;
 /// Bytes of a digest in the header: 64 bits, by which two of a million lenses are taken for one
 /// another with a probability of 3e-8.
 const DIGEST_BYTES: usize = 8;
-
-/// Key of the response, in cubes of electrons per second.
-pub(crate) const RESPONSE: &str = "sensor.response";
-
-/// Whether a cube holds electrons per second, made for one response, in place of irradiance.
-pub(crate) fn holds_electrons(header: &CubeHeader) -> bool {
-    header.made_for.contains_key(RESPONSE)
-}
 
 /// What electrons are made for beside the optics: quantum efficiency and colour filters.
 ///
@@ -128,8 +119,8 @@ pub fn check_made_for(camera: &Camera, header: &CubeHeader) -> Result<()> {
     if !header.made_for.is_empty() {
         (camera_has, cube_has) = (made_for(camera)?, header.made_for.clone());
     }
-    if holds_electrons(header) {
-        camera_has.insert(RESPONSE.into(), response(camera)?);
+    if header.holds_electrons() {
+        camera_has.insert(CubeHeader::RESPONSE.into(), response(camera)?);
     }
     let size = [
         ("sensor.width", camera.sensor.width as usize, header.width),

@@ -6,10 +6,11 @@ use super::sensor_grid;
 use camrig_base::Bands;
 use camrig_base::Result;
 use camrig_camera::Camera;
+use camrig_lens::System;
 use camrig_lens::characterise::{Plan, PsfMethod, characterise, field_points};
 use camrig_lens::field::{self, PlanePlan};
 use camrig_lens::heights::Density;
-use camrig_lens::{Setup, System};
+use camrig_lens::prescription::Setup;
 use camrig_optics::{LensTables, Options, content};
 use std::path::{Path, PathBuf};
 
@@ -88,7 +89,7 @@ impl Tracing {
         const PSF_SIZE: usize = 128;
         let mut conditions = setup.conditions;
         conditions.sensor_shift_mm += 1e-3 * defocus_um;
-        let prescription = setup.prescription()?;
+        let prescription = camrig_lens_files::prescription(setup)?;
         let given = format!("{prescription:?} {conditions:?}");
         let mut system =
             System::new(prescription, conditions).map_err(|e| e.at(setup.file.display()))?;
@@ -201,7 +202,7 @@ table_nm = [[400.0, 1.5], [700.0, 1.5]]
         let file = directory.path().join("landscape.toml");
         std::fs::write(&file, LANDSCAPE).unwrap();
         let setup = Setup { file, ..Setup::default() };
-        let system = setup.system().unwrap();
+        let system = camrig_lens_files::system(&setup).unwrap();
         // An image height at which the distortion is some per cent.
         let reach_mm = 4.0;
         let ideal = system.field_of_paraxial_height(reach_mm);
@@ -231,7 +232,7 @@ table_nm = [[400.0, 1.5], [700.0, 1.5]]
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("landscape.toml");
         std::fs::write(&file, LANDSCAPE).unwrap();
-        let system = Setup { file, ..Setup::default() }.system().unwrap();
+        let system = camrig_lens_files::system(&Setup { file, ..Setup::default() }).unwrap();
         // EFL 10 mm: the ideal image of 63.43° lies at 20 mm, and its chief ray lands at 12.617 mm
         // (the law of refraction at plane and hyperboloid, computed apart from the tracer). The ray
         // to 20 mm has an ideal image more than four times as far out.

@@ -27,7 +27,7 @@ fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
     let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
     let camera = Camera::load_with(file.to_str().unwrap(), &changes).unwrap();
 
-    let scene = camrig_scene::open("colorchecker").unwrap();
+    let scene = camrig_scene::chart::open("colorchecker").unwrap().unwrap();
     let light = Illuminant::parse("D65").unwrap();
     let white =
         photometry::white_radiance(&light, LightLevel::Lux(300.0), &scene.bands()).unwrap();
@@ -38,9 +38,9 @@ fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
             camrig_render::irradiance(&camera, &lit, &options, About::default(), |_, _| ())
                 .unwrap();
         assert_eq!(report.device.as_deref(), device.name());
-        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, 0.02, None);
-        sensor.frame(&cube, None, &settings, Arithmetic::F32).unwrap().data
+        sensor.frame(&cube, &settings).unwrap().data
     };
     let (cpu, gpu) = (frame(devices[0]), frame(devices[1]));
     let differences = || cpu.iter().zip(&gpu).map(|(a, b)| a.abs_diff(*b));

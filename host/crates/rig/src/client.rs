@@ -6,10 +6,10 @@ use super::transport::Transport;
 use super::{Url, emulator, hid, serial, tcp};
 use camrig_base::{Error, ErrorCode, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
+use camrig_exposure::{Arithmetic, SimulatedSensor};
 use camrig_firmware_sim::camera;
 use camrig_firmware_sim::rig::frame_shape;
 use camrig_formats::csi2;
-use camrig_render::{Arithmetic, SimulatedSensor};
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
     Capabilities, Codec, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack, NumberFormat,

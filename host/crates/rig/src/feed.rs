@@ -1,9 +1,9 @@
 //! The rows of an irradiance cube as they go over the link.
 
 use camrig_base::{Error, Result};
+use camrig_exposure::SimulatedSensor;
 use camrig_exposure::{Chunk, IrradianceCube};
 use camrig_firmware_sim::memory::UNIT_BYTES;
-use camrig_render::SimulatedSensor;
 use camrig_rig_link::message::Codec;
 use camrig_sensor_core::arith::{Arith, Float};
 use camrig_sensor_core::collect::Collector;

@@ -2,8 +2,7 @@
 
 use super::{FrameRequest, Rig};
 use camrig_base::{Error, RawFrame, Result};
-use camrig_exposure::IrradianceCube;
-use camrig_render::{Arithmetic, SimulatedSensor};
+use camrig_exposure::{Arithmetic, FrameOptions, IrradianceCube, SimulatedSensor};
 use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::effects::Needs;
 
@@ -67,7 +66,8 @@ impl SensorStage {
         settings: &FrameSettings,
     ) -> Result<RawFrame> {
         let Some(rig) = &mut self.rig else {
-            return sensor.frame(cube, before, settings, self.arithmetic);
+            let options = FrameOptions { before, arithmetic: self.arithmetic };
+            return sensor.frame_with(cube, settings, options);
         };
         let lit_before = before.is_some_and(|b| std::ptr::eq(b, cube));
         if before.is_some()

@@ -20,7 +20,8 @@ pub struct Components {
 
 impl Components {
     /// Of planes in the scene's own pixels.
-    pub(crate) fn of_planes(mixed: Mixed, quantity: Quantity) -> Self {
+    #[must_use]
+    pub fn of_planes(mixed: Mixed, quantity: Quantity) -> Self {
         let Mixed { curves, planes, left_out } = mixed;
         Self { curves, planes: Box::new(Planes { planes, quantity }), left_out }
     }

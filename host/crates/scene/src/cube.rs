@@ -9,6 +9,7 @@
 //! noise of a dark scene are taken as 0, which the notes say. A cube that does not reach
 //! 400 or 700 nm is extended by its end values, which [`Scene::notes`] says.
 
+pub use super::band_source::BandSource;
 use super::resample::resample;
 use super::selection::{Arranged, Stated, arrange};
 use super::{Components, Grid, Quantity, Scene, White};
@@ -17,27 +18,6 @@ use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 use camrig_light::colour::mixture::Mixer;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
-
-/// Where a cube's planes come from.
-pub trait BandSource: Send + Sync {
-    /// Width and height in pixels.
-    fn size(&self) -> (usize, usize);
-    /// Number of bands.
-    fn bands(&self) -> usize;
-    /// One band as stored, in the source's unit.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
-    fn read(&self, band: usize) -> Result<Plane<f32>>;
-    /// The bands as mixtures, see [`Scene::components`]; none of a source that only has bands.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
-    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
-        let _ = mixer;
-        Ok(None)
-    }
-}
 
 /// Samples below zero that are taken as 0, as a part of the band's largest value, or of 1 for a
 /// reflectance: dark samples from which a dark frame or stray light was subtracted scatter around
@@ -98,7 +78,7 @@ impl Cube {
     /// # Errors
     /// Wavelengths that are not one per band, or of which none lies within 200 to 2500 nm; lists
     /// that do not fit.
-    pub(super) fn stated(
+    pub fn stated(
         source: Box<dyn BandSource>,
         wavelength_nm: &[f64],
         quantity: Quantity,
@@ -133,7 +113,7 @@ impl Cube {
 
     /// The same cube with all negative samples as 0 where `clips` says so, and with what its
     /// reader understood of the file, and what it assumed or ignored.
-    pub(super) fn with(
+    pub fn with(
         mut self,
         clips: bool,
         mut understood: Vec<String>,
@@ -145,7 +125,7 @@ impl Cube {
     }
 
     /// The same cube with a white that light levels refer to.
-    pub(super) fn with_white(self, white: Option<White>) -> Self {
+    pub fn with_white(self, white: Option<White>) -> Self {
         Self { white, ..self }
     }
 

@@ -38,41 +38,24 @@
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
-mod arrays;
+mod band_source;
 pub mod chart;
 pub mod components;
 pub mod cube;
-pub mod envi;
-mod envi_header;
-mod exr;
-mod hdf5;
-mod images;
-pub mod isetcam;
 pub mod level;
-pub mod library;
-mod matlab;
-mod matlab_write;
 pub mod moving;
-pub mod numpy;
 pub mod painting;
 pub mod part;
 pub mod preview;
 mod resample;
-mod rgb;
-mod selection;
+pub mod selection;
 pub mod sequence;
 pub mod shape;
-mod sidecar;
-pub mod stored;
-pub mod strided;
-mod tiff_tags;
-mod units;
 
 pub use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, ErrorCode, Plane, Result};
+use camrig_base::{Plane, Result};
 use camrig_light::colour::mixture::Mixer;
 pub use components::Components;
-use std::path::Path;
 
 /// A rectangular grid of square cells in frame coordinates on which a scene is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -193,103 +176,17 @@ impl LitScene<'_> {
     }
 }
 
-/// Opens a scene by its name: a built-in chart (`NAME[:OPTIONS]`), a spectral cube or a picture
-/// (`FILE[:OPTIONS]`) or the directory of a stored scene, with options as `KEY=VALUE,...`.
-///
-/// # Errors
-/// A name that is none of these, options that the scene does not have, a file that cannot be read.
-pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
-    Ok(open_with_size(spec)?.0)
-}
-
 /// Whether a scene's name is that of a file or directory rather than of a built-in chart.
 pub fn is_file(spec: &str) -> bool {
     let (name, _) = spec.split_once(':').unwrap_or((spec, ""));
     !chart::NAMES.contains(&name)
 }
 
-/// Opens a scene for a frame of some aspect (width over height): content with an aspect of its own
-/// fills the frame, see [`Grid::over_content`].
-///
-/// # Errors
-/// Those of [`open`].
-pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {
-    Ok(filling(open(spec)?, frame_aspect))
-}
-
-/// A scene for a frame of some aspect, see [`open_filling`].
+/// The scene for a frame of some aspect (width over height): content with an aspect of its own fills
+/// the frame, see [`Grid::over_content`].
 #[must_use]
 pub fn filling(scene: Box<dyn Scene>, frame_aspect: f64) -> Box<dyn Scene> {
     Box::new(Filling { scene, frame_aspect })
-}
-
-/// A scene's own width and height in pixels; charts have none.
-pub type PixelSize = Option<(usize, usize)>;
-
-/// Opens a scene together with its size.
-///
-/// # Errors
-/// Those of [`open`].
-pub fn open_with_size(spec: &str) -> Result<(Box<dyn Scene>, PixelSize)> {
-    let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
-    if let Some(chart) = chart::open(name, options) {
-        return Ok((chart.map_err(|e| e.at(format!("scene {spec:?}")))?, None));
-    }
-    let cube = open_file(spec)?;
-    let size = cube.size();
-    Ok((Box::new(cube), Some(size)))
-}
-
-/// Opens a spectral cube, a picture or the directory of a stored scene.
-///
-/// # Errors
-/// The name of a chart, which has no pixels of its own; otherwise those of [`open`].
-pub fn open_file(spec: &str) -> Result<cube::Cube> {
-    let (path, options) = file_and_options(spec);
-    if path.is_dir() {
-        return open_folder(path, options);
-    }
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    if rgb::is_picture(path, &extension).map_err(|e| e.at(path.display()))? {
-        return rgb::open(path, &extension, options).map_err(|e| e.at(path.display()));
-    }
-    let open = match extension.as_str() {
-        "npy" | "npz" => numpy::open,
-        "hdr" => envi::open,
-        "mat" | "h5" | "hdf5" | "hdf" | "he5" => arrays::open,
-        "exr" => exr::open,
-        "tif" | "tiff" => images::open_stack,
-        _ => return Err(unknown_scene(spec)),
-    };
-    let sidecar = sidecar::Sidecar::read(path, options)?;
-    open(path, &sidecar).map_err(|e| e.at(path.display()))
-}
-
-/// A file's name and the options behind it.
-fn file_and_options(spec: &str) -> (&Path, &str) {
-    match spec.rsplit_once(':') {
-        Some((path, options)) if !Path::new(spec).exists() => (Path::new(path), options),
-        _ => (Path::new(spec), ""),
-    }
-}
-
-/// Opens a stored scene or a folder of pictures, one per band.
-fn open_folder(path: &Path, options: &str) -> Result<cube::Cube> {
-    if path.join(stored::DESCRIPTION).exists() {
-        if !options.is_empty() {
-            return Err(Error::input(format!("options {options:?} of a stored scene"))
-                .help("it says itself what it holds; leave them out"));
-        }
-        return stored::open(path);
-    }
-    if let Ok(sequence::folder::Kind::Sequence) = sequence::folder::kind(path, options) {
-        return Err(one_scene(&path.display().to_string(), "a folder of pictures or cubes"));
-    }
-    let options = &sequence::folder::of_cube(options)?;
-    let sidecar = sidecar::Sidecar::read(path, options)?;
-    let cube = images::open_folder(path, &sidecar).map_err(|e| e.at(path.display()))?;
-    // Without pictures, what is missing of a stored scene.
-    cube.map_or_else(|| stored::open(path), Ok)
 }
 
 /// A scene that is scaled to fill a frame.
@@ -327,37 +224,4 @@ impl Scene for Filling {
     fn notes(&self) -> Vec<String> {
         self.scene.notes()
     }
-}
-
-/// A sequence where one scene is wanted.
-fn one_scene(spec: &str, what: &str) -> Error {
-    Error::unsupported(format!("{spec:?} is {what}: a sequence, and one scene is wanted here"))
-        .help("name one of its frames; or simulate the sequence, frame by frame")
-}
-
-fn unknown_scene(spec: &str) -> Error {
-    let name = spec.split(':').next().unwrap_or(spec);
-    if sequence::is_stream(spec) {
-        return one_scene(spec, "a stream");
-    }
-    if sequence::is_video(Path::new(name)) {
-        return one_scene(spec, "video");
-    }
-    if chart::NAMES.contains(&name) {
-        return Error::input(format!("{name:?} is a chart, which has no pixels of its own"))
-            .help("draw it first, at a number of pixels")
-            .with_code(ErrorCode::ChartNotDrawn);
-    }
-    let picture = ["bmp", "webp", "gif", "ppm", "pfm", "heic", "avif", "jxl"];
-    if picture.iter().any(|e| name.to_ascii_lowercase().ends_with(&format!(".{e}"))) {
-        return Error::unsupported(format!("{spec:?} is a picture of a kind that is not read"))
-            .help("save it as PNG, JPEG, TIFF, OpenEXR or Radiance");
-    }
-    let nearest = camrig_base::toml_text::nearest(name, chart::NAMES.iter().copied());
-    Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(
-        "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .h5, .exr, .tif), a picture \
-         (.png, .jpg, .tif, .exr, .hdr), a folder of pictures, one per band, or a scene \
-         directory; a sequence is a folder of these, or video (.y4m, - for standard input)",
-        chart::NAMES.join(", ")
-    ))
 }

@@ -123,12 +123,12 @@ impl Scene for Moving {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::open;
+    use crate::chart::open;
 
     const GRID: Grid = Grid { width: 64, height: 48, left: -0.5, top: -0.375, cell: 1.0 / 64.0 };
 
     fn moved(velocity: [f64; 2], start: f64, rolling: f64) -> Plane<f32> {
-        let scene = Arc::from(open("checkerboard").unwrap());
+        let scene = Arc::from(open("checkerboard").unwrap().unwrap());
         let moments = Arc::new(move |place: f64| vec![(start + rolling * place, 1.0)]);
         let moving = Moving { scene, velocity, height: 0.75, by_row: rolling != 0.0, moments };
         moving.plane(10, &GRID).unwrap()

@@ -79,7 +79,7 @@ mod tests {
     /// A quarter of the frame, whose edges cut cells in half.
     #[test]
     fn only_the_rectangle_is_seen() {
-        let scene: Arc<dyn Scene> = Arc::from(crate::open("uniform:0.8").unwrap());
+        let scene: Arc<dyn Scene> = Arc::from(crate::chart::open("uniform:0.8").unwrap().unwrap());
         let region = [0.25, 0.125, 0.5, 0.5];
         let grid = Grid { width: 6, height: 4, left: -0.5, top: -0.25, cell: 1.0 / 6.0 };
         let height = 2.0 / 3.0;
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn a_region_at_the_edge_goes_on_beyond_the_frame() {
-        let scene: Arc<dyn Scene> = Arc::from(crate::open("uniform:0.8").unwrap());
+        let scene: Arc<dyn Scene> = Arc::from(crate::chart::open("uniform:0.8").unwrap().unwrap());
         let beyond = Grid { width: 4, height: 2, left: -1.0, top: -0.5, cell: 0.5 };
         let whole = scene.plane(3, &beyond).unwrap();
         let region = [0.5, 0.0, 0.5, 1.0];

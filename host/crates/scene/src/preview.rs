@@ -84,16 +84,16 @@ pub fn srgb(xyz: [f64; 3]) -> [u8; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::open;
+    use crate::chart::open;
 
     /// A neutral of reflectance 0.18 is sRGB 118 under any light (18 % grey), white is white.
     #[test]
     fn greys_are_grey_under_any_light() {
         for light in ["D65", "A", "F11"] {
             let light = Illuminant::parse(light).unwrap();
-            let picture = render(&*open("uniform:0.18").unwrap(), &light, 4).unwrap();
+            let picture = render(&*open("uniform:0.18").unwrap().unwrap(), &light, 4).unwrap();
             assert!(picture.data.iter().flatten().all(|&v| v == 118), "{:?}", picture.data[0]);
-            let picture = render(&*open("uniform:1").unwrap(), &light, 4).unwrap();
+            let picture = render(&*open("uniform:1").unwrap().unwrap(), &light, 4).unwrap();
             assert!(picture.data.iter().flatten().all(|&v| v == 255), "{:?}", picture.data[0]);
         }
     }

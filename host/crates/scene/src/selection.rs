@@ -1,7 +1,7 @@
 //! Bands of a source in order of wavelength, without those that cannot be used, and each in the
 //! unit that its file states by a gain and an offset.
 
-use super::cube::BandSource;
+use super::band_source::BandSource;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 

@@ -11,7 +11,7 @@ use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::stack::Stack;
 use camrig_measure::{Value, emva};
 use camrig_optics::Options;
-use camrig_render::{Arithmetic, SceneIrradiance, SceneLight, SimulatedSensor, scene_irradiance};
+use camrig_render::{SceneIrradiance, SceneLight, SimulatedSensor, scene_irradiance};
 use std::path::Path;
 
 /// The figures.
@@ -156,10 +156,10 @@ fn edges(camera: &Camera) -> Result<(Vec<Edge>, Vec<String>)> {
     let options = Options::default();
     let SceneIrradiance { cube, notes, .. } =
         scene_irradiance(&camera, "slanted-edge", &light, &options, |_, _| ())?;
-    let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
+    let sensor = SimulatedSensor::new(&camera, &cube.header)?;
     let frame = |seconds: f64| -> Result<RawFrame> {
         let settings = camera.settings(0, seconds, Some(1.0));
-        sensor.frame(&cube, None, &settings, Arithmetic::F32)
+        sensor.frame(&cube, &settings)
     };
     // Exposure by search: the brightest hundredth of the samples at half of the range.
     let mut seconds = FIRST_EXPOSURE_S;

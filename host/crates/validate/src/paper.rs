@@ -16,7 +16,7 @@ use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along, Profile};
 use camrig_optics::Options;
 use camrig_render::scene_irradiance;
-use camrig_render::{self as render, Arithmetic, SceneIrradiance, SceneLight, SimulatedSensor};
+use camrig_render::{self as render, SceneIrradiance, SceneLight, SimulatedSensor};
 use serde::Serialize;
 use std::path::Path;
 
@@ -136,11 +136,11 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
     let mut charts = Vec::with_capacity(cameras.len());
     for camera in cameras {
         let stack = |level: Level, first: u32| -> Result<Vec<RawFrame>> {
-            let sensor = SimulatedSensor::new(camera, &cube.header, level.lux / bright.lux)?;
+            let sensor = SimulatedSensor::in_light(camera, &cube.header, level.lux / bright.lux)?;
             let frame = |i| {
                 let settings =
                     camera.settings(first + i, level.exposure_s, Some(level.analog_gain));
-                sensor.frame(&cube, None, &settings, Arithmetic::F32)
+                sensor.frame(&cube, &settings)
             };
             (0..FRAMES).map(frame).collect()
         };
@@ -160,8 +160,8 @@ fn through_one_lens(cameras: &[&Camera], levels: &[Level; 2]) -> Result<Vec<Take
     let with_edge = |(camera, chart): (&&Camera, [Vec<RawFrame>; 2])| {
         let camera = middle(camera);
         let settings = camera.settings(EDGE_FRAME, bright.exposure_s, Some(bright.analog_gain));
-        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0)?;
-        let edge = sensor.frame(&cube, None, &settings, Arithmetic::F32)?;
+        let sensor = SimulatedSensor::new(&camera, &cube.header)?;
+        let edge = sensor.frame(&cube, &settings)?;
         Ok(Taken { chart, edge, notes: notes.clone() })
     };
     cameras.iter().zip(charts).map(with_edge).collect()

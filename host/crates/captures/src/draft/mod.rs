@@ -161,7 +161,7 @@ fn list(folder: &Path, inside: &Path, depth: usize, files: &mut Vec<PathBuf>) ->
     let entries = std::fs::read_dir(&place).map_err(failed)?;
     let mut names: Vec<_> =
         entries.map(|entry| Ok(entry.map_err(failed)?.file_name())).collect::<Result<_>>()?;
-    names.sort_by_cached_key(|name| camrig_scene::sequence::natural(&name.to_string_lossy()));
+    names.sort_by_cached_key(|name| camrig_base::natural_order(&name.to_string_lossy()));
     for name in names.iter().filter(|name| !name.as_encoded_bytes().starts_with(b".")) {
         let path = inside.join(name);
         let whole = folder.join(&path);

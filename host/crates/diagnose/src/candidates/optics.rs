@@ -23,9 +23,9 @@ use crate::evidence::{Estimated, Evidence, Slope};
 use crate::model::effects;
 use crate::statistics::shading;
 use crate::statistics::statistic::{Key, Place, Statistic};
+use camrig_camera::OpticalEffect;
 use camrig_camera::{Camera, LensKind};
 use camrig_linear::{LeastSquares, Matrix, Vector, inverse, quadratic};
-use camrig_optics::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
 
 /// A parameter that is estimated.

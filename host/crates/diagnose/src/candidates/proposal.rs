@@ -4,7 +4,7 @@
 use crate::evidence::Estimated;
 use crate::model::effects;
 use camrig_camera::Camera;
-use camrig_optics::OpticalEffect;
+use camrig_camera::OpticalEffect;
 use camrig_sensor_core::effects::{Effect, Parameter};
 
 /// Significance, standard errors, from which a candidate is simulated, and that a named effect

@@ -1,7 +1,7 @@
 //! The effects of a camera under diagnosis: which it has, and how one is put into it.
 
 use camrig_camera::Camera;
-use camrig_optics::OpticalEffect;
+use camrig_camera::OpticalEffect;
 use camrig_sensor_core::effects::Effect;
 
 /// The effect of a kind in a camera's chain; of several the first.

@@ -52,7 +52,7 @@ impl Lights {
         let cube = scene_irradiance(camera, &target.scene, &light, &Options::default(), |_, _| ())
             .map_err(|e| e.at(format!("capture {:?}", target.stack.id)))?
             .cube;
-        let sensor = SimulatedSensor::new(camera, &cube.header, 1.0)?;
+        let sensor = SimulatedSensor::new(camera, &cube.header)?;
         let electrons = Arc::new(sensor.electrons(&cube, &camera.settings(0, 1.0, Some(1.0)))?);
         if let Ok(mut kept) = self.kept.lock() {
             let now = kept.1;

@@ -4,7 +4,8 @@ use super::super::{Beam, tests::TILTED};
 use super::*;
 use crate::psf::{self, Psf};
 use crate::pupil::Extent;
-use crate::{Catalogue, Conditions, characterise as radial, pupil, seq};
+use crate::{Catalogue, Conditions, characterise as radial, pupil};
+use camrig_lens_files::seq;
 use camrig_optics::Lens;
 
 fn system(text: &str) -> System {

@@ -1,7 +1,8 @@
 //! Two-dimensional fields of a tilted lens against another tracer.
 
 use super::*;
-use crate::{Catalogue, Conditions, characterise, seq};
+use crate::{Catalogue, Conditions, characterise};
+use camrig_lens_files::seq;
 
 fn system(text: &str) -> System {
     System::new(seq::read(text, &Catalogue::default()).unwrap(), Conditions::default()).unwrap()

@@ -1,6 +1,6 @@
 //! Surfaces displaced by small rotations and shifts.
 
-use crate::frame::Frame;
+use crate::prescription::Pose;
 use crate::trace::TrainSurface;
 
 /// How a surface is displaced: turned about a point of the axis, then shifted.
@@ -17,11 +17,11 @@ pub(super) struct Displacement {
 impl Displacement {
     /// The coordinates of the displaced surface in those of its undisplaced vertex; `None` where
     /// nothing is displaced.
-    fn frame(&self) -> Option<Frame> {
+    fn frame(&self) -> Option<Pose> {
         (self.shift != [0.0; 2] || self.tilt != [0.0; 2]).then(|| self.moved())
     }
 
-    fn moved(&self) -> Frame {
+    fn moved(&self) -> Pose {
         // Rodrigues' rotation about the unit vector (a, b, 0).
         let [x, y] = self.tilt;
         let angle = (x * x + y * y).sqrt();
@@ -34,7 +34,7 @@ impl Displacement {
             [b * s, -a * s, c],
         ];
         let [x, y, z] = axes[2].map(|along| along * self.arm);
-        Frame { origin: [self.shift[0] + x, self.shift[1] + y, z - self.arm], axes }
+        Pose { origin: [self.shift[0] + x, self.shift[1] + y, z - self.arm], axes }
     }
 }
 

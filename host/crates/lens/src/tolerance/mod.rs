@@ -14,8 +14,9 @@ mod tests;
 
 pub use perturbation::{Kind, Perturbation, Tolerances};
 
+use crate::prescription::Conditions;
 use crate::prescription::Prescription;
-use crate::system::{Conditions, System};
+use crate::system::System;
 use camrig_base::{Error, Result};
 use displaced::Displacement;
 use otf::{Azimuth, Waves};

@@ -1,7 +1,8 @@
 //! Departing lenses against closed forms.
 
 use super::*;
-use crate::{Catalogue, toml};
+use crate::Catalogue;
+use crate::prescription::toml;
 
 /// A plane and a hyperboloid of eccentricity n, free of aberration for an object at infinity:
 /// n − 1 = 0.5 and R = −10, focal length 20. The stop lies in the air behind it.

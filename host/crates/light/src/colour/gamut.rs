@@ -3,7 +3,7 @@
 use super::smoothest::{Curve, Domain, REACHED, Smoothest};
 use super::space::{D65, luminance, xyz_of};
 use crate::delta_e::{delta_e_2000, lab};
-use camrig_formats::color::{Matrix, XYZ_FROM_SRGB};
+use camrig_base::color::{Matrix, XYZ_FROM_SRGB};
 
 /// Halvings of the way to the grey: its last step is below a code of 8 bits for most colours.
 const HALVINGS: usize = 7;

@@ -22,8 +22,8 @@
 use super::space;
 use crate::Illuminant;
 use crate::photometry::{KM, observer};
+use camrig_base::color::{Matrix, inverse, multiply};
 use camrig_base::{Bands, Result};
-use camrig_formats::color::{Matrix, inverse, multiply};
 
 /// Bands of the spectra.
 pub const COUNT: usize = Bands::VISIBLE.count;

@@ -1,8 +1,8 @@
 //! Colour spaces of pictures: primaries and white, and what takes them to linear sRGB.
 
 use super::transfer::Transfer;
+use camrig_base::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
 use camrig_base::{Error, Result};
-use camrig_formats::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
 use std::array::from_fn;
 
 /// Chromaticity (x, y) of CIE D65 as the standards of colour spaces round it.

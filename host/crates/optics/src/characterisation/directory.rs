@@ -1,8 +1,6 @@
 //! Directories of characterised lenses: their `lens.toml` and arrays, whole or not at all.
 
-use camrig_base::{Error, ErrorCode, Result};
-use camrig_formats::npy;
-use npyz::WriterBuilder;
+use camrig_base::{Error, ErrorCode, Result, npy};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -89,46 +87,36 @@ pub(super) fn write_directory(
     std::fs::rename(staging.keep(), dir).map_err(|e| Error::io("write", dir, e))
 }
 
-pub(super) fn write_npy<T>(path: &Path, shape: &[u64], values: &[T]) -> Result<()>
-where
-    T: npyz::AutoSerialize + npyz::Serialize + Copy,
-{
+pub(super) fn write_npy<T: npy::Sample>(path: &Path, shape: &[u64], values: &[T]) -> Result<()> {
+    let axes: String = shape.iter().map(|n| format!("{n}, ")).collect();
     let write = || -> std::io::Result<()> {
         let mut file = BufWriter::new(File::create(path)?);
-        let mut npy =
-            npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut file).begin_nd()?;
-        npy.extend(values.iter().copied())?;
-        npy.finish()?;
+        npy::write(&mut file, &format!("({axes})"), values)?;
         file.flush()
     };
     write().map_err(|e| Error::io("write", path, e))
 }
 
-/// Opens an array and checks its shape and order before anything is allocated on the strength of
-/// its header.
-pub(super) fn open_npy(path: &Path) -> Result<(npyz::NpyFile<BufReader<File>>, Vec<u64>)> {
+/// The shape of an array, and its samples, in C order.
+pub(super) fn read_npy<T: npy::Sample>(path: &Path) -> Result<(Vec<usize>, Vec<T>)> {
     let file = File::open(path).map_err(|e| Error::io("read", path, e))?;
     let bytes = file.metadata().map_err(|e| Error::io("read", path, e))?.len();
     let mut file = BufReader::new(file);
-    npy::check_header(&mut file).map_err(|e| e.at(path.display()))?;
-    let npy = npyz::NpyFile::new(file).map_err(|e| Error::io("read", path, e))?;
-    let shape = npy.shape().to_vec();
-    let count = shape.iter().try_fold(1u64, |a, &n| a.checked_mul(n));
-    if npy.order() != npyz::Order::C || count.is_none_or(|n| n.saturating_mul(4) > bytes) {
-        return Err(Error::input(format!("array of shape {shape:?} in a file of {bytes} bytes"))
-            .at(path.display())
-            .help("the file is truncated, or not in C order"));
-    }
-    Ok((npy, shape))
+    let mut read = || {
+        let header = npy::Header::read(&mut file)?;
+        let samples = header.samples(&mut file, bytes)?;
+        Ok((header.shape, samples))
+    };
+    read().map_err(|e: Error| e.at(path.display()))
 }
 
 /// A table whose axes, named by `axes`, have the lengths `expected`.
 pub(super) fn read_table(path: &Path, expected: &[usize], axes: &str) -> Result<Vec<f64>> {
-    let (npy, shape) = open_npy(path)?;
-    if !shape.iter().copied().eq(expected.iter().map(|&n| n as u64)) {
+    let (shape, values) = read_npy(path)?;
+    if shape != expected {
         return Err(Error::input(format!("array of shape {shape:?}"))
             .at(path.display())
             .help(format!("lens.toml announces {axes} = {expected:?}")));
     }
-    npy.into_vec::<f64>().map_err(|e| Error::io("read", path, e))
+    Ok(values)
 }

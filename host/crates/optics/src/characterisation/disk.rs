@@ -33,7 +33,7 @@
 //! ```
 
 use super::directory::{
-    DISK_FORMAT, clear, head, open_npy, read_table, write_directory, write_head, write_npy,
+    DISK_FORMAT, clear, head, read_npy, read_table, write_directory, write_head, write_npy,
 };
 use super::{Between, Characterisation, PsfGrid};
 use camrig_base::Spectrum;
@@ -174,12 +174,9 @@ impl Characterisation {
 }
 
 fn read_psf(path: &Path, expected: [usize; 2]) -> Result<(usize, Vec<f32>)> {
-    let (npy, shape) = open_npy(path)?;
+    let (shape, values) = read_npy(path)?;
     match shape[..] {
-        [h, w, n, m] if n == m && [h, w] == expected.map(|n| n as u64) => {
-            let data = npy.into_vec::<f32>().map_err(|e| Error::io("read", path, e))?;
-            Ok((n as usize, data))
-        }
+        [h, w, n, m] if n == m && [h, w] == expected => Ok((n, values)),
         _ => Err(Error::input(format!("array of shape {shape:?}")).at(path.display()).help(
             format!(
                 "lens.toml announces [heights, wavelengths, n, n] with {expected:?} square PSFs"

@@ -28,7 +28,7 @@
 
 use super::Between;
 use super::directory::{
-    PLANE_FORMAT, clear, head, open_npy, read_table, write_directory, write_head, write_npy,
+    PLANE_FORMAT, clear, head, read_npy, read_table, write_directory, write_head, write_npy,
 };
 use super::plane::PlaneCharacterisation;
 use camrig_base::Spectrum;
@@ -129,12 +129,9 @@ impl PlaneCharacterisation {
 }
 
 fn read_psf(path: &Path, expected: [usize; 3]) -> Result<(usize, Vec<f32>)> {
-    let (npy, shape) = open_npy(path)?;
+    let (shape, values) = read_npy(path)?;
     match shape[..] {
-        [r, c, w, n, m] if n == m && [r, c, w] == expected.map(|n| n as u64) => {
-            let data = npy.into_vec::<f32>().map_err(|e| Error::io("read", path, e))?;
-            Ok((n as usize, data))
-        }
+        [r, c, w, n, m] if n == m && [r, c, w] == expected => Ok((n, values)),
         _ => Err(Error::input(format!("array of shape {shape:?}")).at(path.display()).help(
             format!(
                 "lens.toml announces [rows, columns, wavelengths, n, n] with {expected:?} square \

@@ -1,10 +1,8 @@
 use super::*;
-use crate::{
-    Arithmetic, Motion, MotionStage, OpticsStage, SequenceStage, SimulatedSensor, check_made_for,
-};
+use crate::{Motion, MotionStage, OpticsStage, SequenceStage, SimulatedSensor, check_made_for};
 use camrig_light::LightLevel;
 use camrig_optics::Characterisation;
-use camrig_scene::sequence::{self, Reading};
+use camrig_scene_files::sequence::{self, Reading};
 use std::path::Path;
 
 /// A picture of squares of saturated and muted colours, some of them in stripes.
@@ -65,7 +63,7 @@ fn stage(scene: &Path, path: OpticsPath) -> OpticsStage {
 
 /// Mean electrons of every pixel.
 fn electrons(camera: &Camera, cube: &IrradianceCube) -> Plane<f32> {
-    let sensor = SimulatedSensor::new(camera, &cube.header, 1.0).unwrap();
+    let sensor = SimulatedSensor::new(camera, &cube.header).unwrap();
     sensor.electrons(cube, &camera.settings(0, 0.01, None)).unwrap()
 }
 
@@ -190,9 +188,9 @@ fn a_sequence_and_stored_electrons_give_the_bytes_of_the_picture() {
     picture(&frames.join("2.png"));
     let camera = behind_tables(folder.path());
     let raw = |cube: &IrradianceCube| {
-        let sensor = SimulatedSensor::new(&camera, &cube.header, 1.0).unwrap();
+        let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, 0.01, None);
-        sensor.frame(cube, None, &settings, Arithmetic::F32).unwrap().data
+        sensor.frame(cube, &settings).unwrap().data
     };
     let still = stage(&frames.join("1.png"), OpticsPath::Components);
     let still = still.run(&camera, |_, _| ()).unwrap().cube;

@@ -30,8 +30,9 @@ pub const NAMES: &[&str] = &[
     "bright-spot",
 ];
 
-/// The chart of a name, `None` where no chart has it.
-pub fn open(name: &str, options: &str) -> Option<Result<Box<dyn Scene>>> {
+/// The chart that a scene's name (`NAME[:OPTIONS]`) names; `None` where no chart has it.
+pub fn open(spec: &str) -> Option<Result<Box<dyn Scene>>> {
+    let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
     Some(open_told(name, options)?.map(|(scene, _)| scene))
 }
 

@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn a_fraction_of_steps_is_refused() {
-        let said = |options: &str| match crate::open(&format!("ramp:{options}")) {
+        let said = |options: &str| match super::super::open(&format!("ramp:{options}")).unwrap() {
             Ok(_) => String::new(),
             Err(error) => error.to_string(),
         };

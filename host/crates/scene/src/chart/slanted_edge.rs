@@ -34,13 +34,13 @@ pub(super) fn geometry(options: &mut Options) -> Result<Geometry> {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Grid, open};
+    use crate::{Grid, chart::open};
 
     /// Row by row the sum of a slanted edge gives the edge's place: u = −v tan(angle).
     #[test]
     fn edge_lies_exactly_where_it_should() {
         let grid = Grid { width: 400, height: 300, left: -0.5, top: -0.375, cell: 0.0025 };
-        let plane = open("slanted-edge:angle=5").unwrap().plane(3, &grid).unwrap();
+        let plane = open("slanted-edge:angle=5").unwrap().unwrap().plane(3, &grid).unwrap();
         for y in [0, 77, 150, 299] {
             let sum: f64 = plane.row(y).iter().map(|&v| f64::from(v)).sum();
             let bright = (sum * grid.cell - 0.2) / (0.8 - 0.2);
@@ -56,7 +56,11 @@ mod tests {
     #[test]
     fn horizontal_edge_is_bright_below() {
         let grid = Grid { width: 4, height: 4, left: -0.5, top: -0.5, cell: 0.25 };
-        let plane = open("slanted-edge:angle=0,edge=horizontal").unwrap().plane(0, &grid).unwrap();
+        let plane = open("slanted-edge:angle=0,edge=horizontal")
+            .unwrap()
+            .unwrap()
+            .plane(0, &grid)
+            .unwrap();
         assert!((plane.at(0, 0) - 0.2).abs() < 1e-6 && (plane.at(3, 3) - 0.8).abs() < 1e-6);
     }
 }

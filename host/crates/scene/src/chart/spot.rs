@@ -31,11 +31,11 @@ fn spot(options: &mut Options, size: f64, ground: f64) -> Result<Painting> {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Grid, open};
+    use crate::{Grid, chart::open};
 
     #[test]
     fn a_point_keeps_its_light_whatever_the_grid() {
-        let point = open("point:size=0.001,level=1000,x=0.1,y=-0.03").unwrap();
+        let point = open("point:size=0.001,level=1000,x=0.1,y=-0.03").unwrap().unwrap();
         for width in [10, 333, 4000] {
             let cell = 1.0 / width as f64;
             let grid = Grid { width, height: width, left: -0.5, top: -0.5, cell };

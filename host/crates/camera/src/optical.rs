@@ -1,0 +1,221 @@
+//! Optical effects that a camera file may name in `[[effect]]`: the catalogue, and what each
+//! changes.
+//!
+//! They act before the irradiance, so a rig never sees them; the sensor's effects are
+//! [`camrig_sensor_core::effects`]. What a [`Change`] does to a lens is computed where the camera's
+//! lens is made, in `camrig-render`. Each is a declared [`OpticalEntry`] like those: kind,
+//! description, parameters with unit and range. `relative-illumination` is among the sensor's: a
+//! factor over the field that is the same for all wavelengths gives the same electrons on either
+//! side of the irradiance, and so needs no second name.
+//!
+//! # Adding an effect
+//! One entry in [`OpticalEffect::CATALOGUE`] and one variant of [`Change`], which
+//! `camrig_render` then has to apply.
+
+use camrig_sensor_core::effects::Parameter;
+
+/// An entry of the catalogue.
+#[derive(Clone, Copy, Debug)]
+pub struct OpticalEntry {
+    /// Name in camera files.
+    pub kind: &'static str,
+    /// Description, equation and source.
+    pub doc: &'static str,
+    /// Its parameters in order.
+    pub parameters: &'static [Parameter],
+    change: fn(&[f64]) -> Change,
+}
+
+impl PartialEq for OpticalEntry {
+    fn eq(&self, other: &Self) -> bool {
+        self.kind == other.kind
+    }
+}
+
+/// What an effect changes, in the units of its parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// The sensor lies out of focus.
+    Defocus {
+        /// Its distance from the focus, away from the lens, µm.
+        shift_um: f64,
+    },
+    /// The image has another size at each wavelength.
+    LateralColour {
+        /// Outward displacement at 450 nm in the corner.
+        blue_px: f64,
+        /// The same at 650 nm.
+        red_px: f64,
+    },
+    /// Points lie elsewhere in the image.
+    Distortion {
+        /// Third-order change in the corner.
+        k1: f64,
+        /// Fifth-order change in the corner.
+        k2: f64,
+        /// Size of the image, relative.
+        size: f64,
+    },
+    /// The axis does not meet the sensor's centre.
+    DecentreTilt {
+        /// Axis right of the centre.
+        x_px: f64,
+        /// Axis below the centre.
+        y_px: f64,
+    },
+    /// The lens passes another share of the light.
+    LensTransmittance {
+        /// Factor at 550 nm.
+        factor: f64,
+        /// Change per 100 nm towards red.
+        slope: f64,
+    },
+    /// Scattered light lies over the whole image.
+    VeilingGlare {
+        /// Share of the light that is scattered.
+        fraction: f64,
+    },
+}
+
+/// An effect of the optics with its values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpticalEffect {
+    entry: &'static OpticalEntry,
+    values: Vec<f32>,
+}
+
+const fn parameter(
+    key: &'static str,
+    unit: &'static str,
+    doc: &'static str,
+    range: (f32, f32),
+    default: Option<f32>,
+) -> Parameter {
+    Parameter { key, unit, doc, min: range.0, max: range.1, default }
+}
+
+impl OpticalEffect {
+    /// The catalogue.
+    pub const CATALOGUE: &'static [OpticalEntry] = &[
+        OpticalEntry {
+            kind: "defocus",
+            doc: "Defocus: the sensor lies out of the focus of the lens.\n\n\
+                  Wavefront error δ/(8 Nw²) at the pupil's edge, Nw the image-side f-number; OTF \
+                  of Hopkins 1955 for a perfect lens, traced for a prescription. A characterised \
+                  lens knows no wavefront and cannot be defocused.",
+            parameters: &[parameter(
+                "shift_um",
+                "um",
+                "Distance δ of the sensor from the focus, away from the lens",
+                (-1000.0, 1000.0),
+                None,
+            )],
+            change: |v| Change::Defocus { shift_um: v[0] },
+        },
+        OpticalEntry {
+            kind: "lateral-colour",
+            doc: "Lateral colour: the image has another size at each wavelength.\n\n\
+                  Radial displacement in proportion to the height; 0 at 550 nm, linear in \
+                  wavelength between 450, 550 and 650 nm, constant beyond.",
+            parameters: &[
+                parameter(
+                    "blue_px",
+                    "pixels",
+                    "Outward displacement at 450 nm in the corner",
+                    (-20.0, 20.0),
+                    Some(0.0),
+                ),
+                parameter(
+                    "red_px",
+                    "pixels",
+                    "Outward displacement at 650 nm in the corner",
+                    (-20.0, 20.0),
+                    Some(0.0),
+                ),
+            ],
+            change: |v| Change::LateralColour { blue_px: v[0], red_px: v[1] },
+        },
+        OpticalEntry {
+            kind: "distortion",
+            doc: "Distortion: points lie elsewhere in the image than the lens model has them.\n\n\
+                  Real height = h·(size + k1·r² + k2·r⁴), r = h over the half diagonal of the \
+                  sensor (Brown 1966); size is another object distance.",
+            parameters: &[
+                parameter("k1", "1", "Third-order change in the corner", (-0.1, 0.2), Some(0.0)),
+                parameter("k2", "1", "Fifth-order change in the corner", (-0.02, 0.1), Some(0.0)),
+                parameter("size", "1", "Size of the image, relative", (0.8, 1.25), Some(1.0)),
+            ],
+            change: |v| Change::Distortion { k1: v[0], k2: v[1], size: v[2] },
+        },
+        OpticalEntry {
+            kind: "decentre-tilt",
+            doc: "Decentred sensor: the optical axis does not meet its centre.\n\n\
+                  Distortion, fall-off and field-dependent blur are about the axis; the scene \
+                  stays centred on the sensor.",
+            parameters: &[
+                parameter(
+                    "x_px",
+                    "pixels",
+                    "Axis right of the centre",
+                    (-500.0, 500.0),
+                    Some(0.0),
+                ),
+                parameter("y_px", "pixels", "Axis below the centre", (-500.0, 500.0), Some(0.0)),
+            ],
+            change: |v| Change::DecentreTilt { x_px: v[0], y_px: v[1] },
+        },
+        OpticalEntry {
+            kind: "lens-transmittance",
+            doc: "Transmittance of the lens: it passes another share of the light than [lens] \
+                  says.\n\n\
+                  Irradiance ·= factor + slope·(λ − 550 nm)/100 nm, at least 0.",
+            parameters: &[
+                parameter("factor", "1", "Factor at 550 nm", (0.01, 2.0), None),
+                parameter("slope", "1", "Change per 100 nm towards red", (-0.5, 0.5), Some(0.0)),
+            ],
+            change: |v| Change::LensTransmittance { factor: v[0], slope: v[1] },
+        },
+        OpticalEntry {
+            kind: "veiling-glare",
+            doc: "Veiling glare: light scattered in the lens lies over the whole image \
+                  (ISO 9358).\n\n\
+                  E = (1 − g)·E + g·mean of E over the frame, per wavelength.",
+            parameters: &[parameter(
+                "fraction",
+                "1",
+                "Share g of the light that is scattered",
+                (0.0, 0.5),
+                None,
+            )],
+            change: |v| Change::VeilingGlare { fraction: v[0] },
+        },
+    ];
+
+    /// The effect of this kind; `None` when there is none, or a value is missing or out of range.
+    #[must_use]
+    pub fn new(kind: &str, values: &[f32]) -> Option<Self> {
+        let entry = Self::CATALOGUE.iter().find(|e| e.kind == kind)?;
+        let fits = values.len() == entry.parameters.len()
+            && values.iter().zip(entry.parameters).all(|(v, p)| (p.min..=p.max).contains(v));
+        fits.then(|| Self { entry, values: values.to_vec() })
+    }
+
+    /// Its entry.
+    #[must_use]
+    pub fn entry(&self) -> &'static OpticalEntry {
+        self.entry
+    }
+
+    /// What it changes.
+    #[must_use]
+    pub fn change(&self) -> Change {
+        let values: Vec<f64> = self.values.iter().map(|&v| f64::from(v)).collect();
+        (self.entry.change)(&values)
+    }
+
+    /// Its parameters in the order of the entry.
+    #[must_use]
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+}

@@ -1,0 +1,246 @@
+//! The sensor stage on the workstation: frames from an irradiance cube, in parallel over rows.
+
+use super::rows::{BandSums, Vector, refused, rows};
+use super::{Chunk, CubeHeader, IrradianceCube};
+use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_camera::{Camera, CrosstalkTable};
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::Needs;
+use camrig_sensor_core::pipeline::MeanRows;
+use rayon::prelude::*;
+
+/// Arithmetic of the sensor stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Arithmetic {
+    /// 32-bit floating point.
+    #[default]
+    F32,
+    /// 32-bit fixed point, as on parts without a floating-point unit.
+    Fixed,
+}
+
+impl Arithmetic {
+    /// All choices, in the order of a list for people.
+    pub const ALL: [Self; 2] = [Self::F32, Self::Fixed];
+
+    /// The name in files and on command lines.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "f32",
+            Self::Fixed => "fixed",
+        }
+    }
+}
+
+impl std::fmt::Display for Arithmetic {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Arithmetic {
+    type Err = camrig_base::Error;
+
+    fn from_str(text: &str) -> Result<Self> {
+        camrig_base::choice::by_name("arithmetic", text, &Self::ALL, Self::name)
+    }
+}
+
+/// How a frame is computed, where that is not the usual way.
+#[derive(Clone, Copy, Default)]
+pub struct FrameOptions<'a> {
+    /// What the sensor saw in the frame before, for effects with a memory; darkness without it.
+    pub before: Option<&'a IrradianceCube>,
+    /// Arithmetic of the sensor stage.
+    pub arithmetic: Arithmetic,
+}
+
+/// Rows computed by one task.
+const ROWS_PER_TASK: usize = 32;
+
+/// A camera's sensor set up for cubes of given bands.
+pub struct SimulatedSensor {
+    /// The sensor as `sensor-core` takes it.
+    pub config: SensorConfig,
+    crosstalk: Option<CrosstalkTable>,
+    cfa: camrig_base::Cfa,
+}
+
+impl SimulatedSensor {
+    /// The sensor of `camera` in front of a cube with this header.
+    ///
+    /// # Errors
+    /// A cube of another size than the sensor's; values that `sensor-core` refuses.
+    pub fn new(camera: &Camera, header: &CubeHeader) -> Result<Self> {
+        Self::in_light(camera, header, 1.0)
+    }
+
+    /// The same in another light level than the cube was made for: `light` multiplies the
+    /// irradiance.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub fn in_light(camera: &Camera, header: &CubeHeader, light: f64) -> Result<Self> {
+        let sensor = &camera.sensor;
+        if (header.width, header.height) != (sensor.width as usize, sensor.height as usize) {
+            return Err(Error::disagreement(format!(
+                "irradiance of {} x {} pixels for a sensor of {} x {}",
+                header.width, header.height, sensor.width, sensor.height
+            ))
+            .help("use the camera for which the irradiance was made, or simulate it anew"));
+        }
+        let mut config = camera.sensor_config(&header.spectral_bands())?;
+        let light = light * header.level;
+        let electrons = header.holds_electrons();
+        for response in &mut config.response {
+            // Electrons per second are what the response would make of the bands.
+            let own = if electrons { 1.0 } else { f64::from(*response) };
+            *response = (own * light) as f32;
+        }
+        config.check().map_err(refused)?;
+        Ok(Self { config, crosstalk: sensor.crosstalk.clone(), cfa: sensor.cfa.clone() })
+    }
+
+    /// One frame of `cube`, in floating point and dark before.
+    ///
+    /// # Errors
+    /// Settings out of range; irradiance that cannot be read.
+    pub fn frame(&self, cube: &IrradianceCube, settings: &FrameSettings) -> Result<RawFrame> {
+        self.frame_with(cube, settings, FrameOptions::default())
+    }
+
+    /// One frame of `cube`, with options.
+    ///
+    /// # Errors
+    /// Those of [`Self::frame`].
+    pub fn frame_with(
+        &self,
+        cube: &IrradianceCube,
+        settings: &FrameSettings,
+        options: FrameOptions<'_>,
+    ) -> Result<RawFrame> {
+        let FrameOptions { before, arithmetic } = options;
+        settings.check().map_err(refused)?;
+        let width = self.config.width as usize;
+        let mut data = vec![0; width * self.config.height as usize];
+        let inputs = Inputs { sensor: self, cube, before, settings };
+        data.par_chunks_mut(width * ROWS_PER_TASK).enumerate().try_for_each(|(i, out)| {
+            let first = i * ROWS_PER_TASK;
+            match arithmetic {
+                Arithmetic::F32 => cube_rows::<Float>(&inputs, first, out),
+                Arithmetic::Fixed => cube_rows::<Fixed>(&inputs, first, out),
+            }
+        })?;
+        Ok(self.raw_frame(data, settings.analog_gain))
+    }
+
+    /// Mean photo-electrons of every pixel, before any effect.
+    ///
+    /// # Errors
+    /// Irradiance that cannot be read.
+    pub fn electrons(
+        &self,
+        cube: &IrradianceCube,
+        settings: &FrameSettings,
+    ) -> Result<Plane<f32>> {
+        let (width, height) = (self.config.width as usize, self.config.height as usize);
+        let mut data = vec![0.0; width * height];
+        let inputs = Inputs { sensor: self, cube, before: None, settings };
+        data.par_chunks_mut(width * ROWS_PER_TASK)
+            .enumerate()
+            .try_for_each(|(i, out)| electrons(&inputs, i * ROWS_PER_TASK, out))?;
+        Ok(Plane { width, height, data })
+    }
+
+    /// A frame of this sensor from its DN, however they were computed.
+    pub fn raw_frame(&self, data: Vec<u16>, analog_gain: f32) -> RawFrame {
+        RawFrame {
+            width: self.config.width as usize,
+            height: self.config.height as usize,
+            bits: u32::from(self.config.bits),
+            cfa: self.cfa.clone(),
+            black_level_dn: f64::from(self.config.black_level_dn),
+            white_level_dn: self.white_level_dn(analog_gain),
+            data,
+        }
+    }
+
+    /// The crosstalk table as `sensor-core` takes it.
+    pub fn crosstalk(&self) -> Option<camrig_sensor_core::crosstalk::Crosstalk<'_>> {
+        self.crosstalk.as_ref().map(CrosstalkTable::as_core)
+    }
+
+    /// DN at which a pixel saturates: full well or the converter's end, whichever comes first.
+    fn white_level_dn(&self, analog_gain: f32) -> u16 {
+        let full = self.config.dn_per_e(analog_gain) * self.config.full_well_e;
+        (full + self.config.black_level_dn).min(f32::from(self.config.max_dn())) as u16
+    }
+}
+
+struct Inputs<'a> {
+    sensor: &'a SimulatedSensor,
+    cube: &'a IrradianceCube,
+    before: Option<&'a IrradianceCube>,
+    settings: &'a FrameSettings,
+}
+
+/// Computes the rows from `first` on that fill `out`.
+fn cube_rows<A: Vector>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
+    let config = &inputs.sensor.config;
+    let (width, height) = (config.width as usize, config.height as usize);
+    let windows = config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
+    let count = out.len() / width;
+    let from = first.saturating_sub(windows);
+    let to = (first + count + windows).min(height);
+    let crosstalk = inputs.sensor.crosstalk();
+    let mut source = CubeRows::<A> {
+        sums: BandSums::new(config, inputs.settings, crosstalk)?,
+        now: load(inputs.cube, from, to)?,
+        before: inputs.before.map(|cube| load(cube, from, to)).transpose()?,
+    };
+    rows::<A>(config, inputs.settings, &mut source, first, out)
+}
+
+/// Mean photo-electrons of the rows from `first` on.
+fn electrons(inputs: &Inputs<'_>, first: usize, out: &mut [f32]) -> Result<()> {
+    let config = &inputs.sensor.config;
+    let width = config.width as usize;
+    let rows = out.len() / width;
+    let crosstalk = inputs.sensor.crosstalk();
+    let mut sums = BandSums::<Float>::new(config, inputs.settings, crosstalk)?;
+    let bands = load(inputs.cube, first, first + rows)?;
+    let mut row = vec![[0.0; BLOCK]; blocks(width)];
+    for (y, out) in (first..).zip(out.chunks_mut(width)) {
+        Float::COLLECT(&mut sums, &bands, y as u32, &mut row);
+        out.copy_from_slice(&row.as_flattened()[..width]);
+    }
+    Ok(())
+}
+
+/// Rows of every band.
+fn load(cube: &IrradianceCube, from: usize, to: usize) -> Result<Vec<Chunk<'_>>> {
+    (0..cube.header.bands).map(|band| cube.chunk(band, from, to - from)).collect()
+}
+
+/// Mean photo-electrons from the rows of a cube.
+struct CubeRows<'a, A: Arith> {
+    sums: BandSums<'a, A>,
+    now: Vec<Chunk<'a>>,
+    before: Option<Vec<Chunk<'a>>>,
+}
+
+impl<A: Vector> MeanRows<A> for CubeRows<'_, A> {
+    fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        A::COLLECT(&mut self.sums, &self.now, row, out);
+    }
+
+    fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
+        match &self.before {
+            Some(bands) => A::COLLECT(&mut self.sums, bands, row, out),
+            None => out.fill([A::Signal::default(); BLOCK]),
+        }
+    }
+}
