@@ -9,7 +9,7 @@
 
 use camrig_base::numbers::plural;
 
-/// What stands for a figure that the captures do not determine.
+/// Placeholder for a figure that the captures do not determine.
 pub const NOT_DETERMINED: &str = "not determined";
 /// Significant digits of a value without an error.
 const DIGITS: usize = 3;
@@ -37,7 +37,7 @@ pub fn digits(value: f64, digits: usize) -> String {
     format!("{} · {}", sign(&mantissa), power_of_ten(exponent))
 }
 
-/// A value that was set: at most four digits, without zeros at its end.
+/// A setting: at most four digits, without trailing zeros.
 pub fn setting(value: f64) -> String {
     let text = digits(value, 4);
     match text.contains('.') && !text.contains('·') {

@@ -18,7 +18,7 @@ const FIRST_SNR: f64 = 196.0;
 /// Remarks that the first sheet has room for.
 const FIRST_REMARKS: usize = 2;
 
-/// The page; `title` names the camera, `source` says where the captures come from, `command` is
+/// The page; `title` names the camera, `source` is the origin of the captures, `command` is
 /// what was typed.
 pub fn page(title: &str, source: &str, result: &Checked, command: &str) -> String {
     let mut page = Page::new(title);

@@ -134,7 +134,7 @@ fn sensitivity(channels: &[ChannelEmva]) -> Option<Plot> {
     Some(plot)
 }
 
-/// Signal-to-noise ratio over photons; none where the captures do not tell photons.
+/// Signal-to-noise ratio against photons; none if the captures do not state photons.
 pub(super) fn snr(channels: &[ChannelEmva]) -> Option<Plot> {
     photons(channels)?;
     let most = channels.iter().flat_map(|c| &c.levels).filter_map(|l| l.photons);

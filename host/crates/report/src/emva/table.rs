@@ -4,7 +4,7 @@ use crate::numbers::{at_least, with_error};
 use crate::page::Table;
 use camrig_measure::emva::ChannelEmva;
 
-/// What stands for a figure that the captures do not determine.
+/// Placeholder for a figure that the captures do not determine.
 const NONE: &str = "–";
 
 /// A row: its name, symbol and unit, its value and standard error.

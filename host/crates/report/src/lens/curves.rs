@@ -7,7 +7,7 @@ use camrig_base::Plane;
 use camrig_optics::Characterisation;
 use std::f64::consts::{PI, TAU};
 
-/// Wavelengths, field heights and rows of PSFs that are drawn at most.
+/// Maximum number of wavelengths, field heights and rows of PSFs drawn.
 const WAVELENGTHS: usize = 3;
 const HEIGHTS: usize = 3;
 const PSF_ROWS: usize = 4;
@@ -106,7 +106,7 @@ pub(super) fn rounded(value: f64) -> f64 {
     [5.0, 2.0].map(|m| m * decade).into_iter().find(|v| *v <= value).unwrap_or(decade)
 }
 
-/// A rounded frequency in words.
+/// Text of a rounded frequency.
 fn per_mm_words(per_mm: f64) -> String {
     format!("{} cycles/mm", fixed(per_mm, if per_mm < 1.0 { 2 } else { 0 }))
 }

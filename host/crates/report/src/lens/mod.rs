@@ -15,7 +15,7 @@ use camrig_lens::{System, characterise};
 use camrig_optics::Characterisation;
 use curves::Named;
 
-/// A drawing for a file of its own.
+/// A drawing as a separate file.
 #[derive(Clone, Debug)]
 pub struct Drawing {
     /// Name of the file, without extension.
@@ -41,7 +41,7 @@ const FOCI: u32 = 30;
 const SHIFTS: i32 = 6;
 const DEPTHS: [f64; 2] = [2.0, 16.0];
 const BEYOND: f64 = 1.3;
-/// Wavelengths that are drawn at most.
+/// Maximum number of wavelengths drawn.
 const WAVELENGTHS: usize = 3;
 /// Samples per side of the PSFs over focus.
 const PSF_SIZE: usize = 64;

@@ -43,7 +43,7 @@ pub struct Page {
 pub enum Tone {
     /// As it should be.
     Good,
-    /// To be looked at.
+    /// Needs attention.
     Warning,
     /// Not as it should be.
     Bad,
@@ -59,7 +59,7 @@ impl Tone {
     }
 }
 
-/// A figure that stands out: on a card, with its name above and a line below.
+/// A key figure: on a card, with its name above and a line below.
 #[derive(Clone, Debug)]
 pub struct KeyFigure {
     name: String,
@@ -215,7 +215,7 @@ impl Page {
         ))
     }
 
-    /// Adds a row of cards with key figures; on a phone four and more stand in pairs.
+    /// Adds a row of cards with key figures; on a phone, four or more are in pairs.
     pub fn key_figures(&mut self, figures: &[KeyFigure]) -> &mut Self {
         let cards: String = figures.iter().map(KeyFigure::html).collect();
         self.add(format_args!("<div class=\"cards\">{cards}</div>\n"))
@@ -257,18 +257,17 @@ impl Page {
         ))
     }
 
-    /// Adds a picture from PNG bytes; the caption is also what is said to those who do not see it.
+    /// Adds a picture from PNG bytes; the caption is also its alternative text.
     pub fn picture(&mut self, png: &[u8], caption: &str) -> &mut Self {
         self.thumbnail(png, caption, caption)
     }
 
-    /// Adds a picture from PNG bytes with words for those who do not see it, and a caption.
+    /// Adds a picture from PNG bytes with alternative text and a caption.
     pub fn thumbnail(&mut self, png: &[u8], alt: &str, caption: &str) -> &mut Self {
         self.add_picture("pic", png, alt, caption)
     }
 
-    /// Adds a picture of few samples, each of which is shown as a square, with words for those who
-    /// do not see it, and a caption.
+    /// Adds a picture of few samples, each shown as a square, with alternative text and a caption.
     pub fn samples(&mut self, png: &[u8], alt: &str, caption: &str) -> &mut Self {
         self.add_picture("pic pix", png, alt, caption)
     }
@@ -284,22 +283,22 @@ impl Page {
         self.add(format_args!("<pre>{}</pre>\n", escape(text)))
     }
 
-    /// Adds figures beside each other: three on a desk, two on A4, one on a phone.
+    /// Adds figures side by side: three on a desktop, two on A4, one on a phone.
     pub fn grid(&mut self, write: impl FnOnce(&mut Self)) -> &mut Self {
         self.within("div class=\"grid\"", "div", write)
     }
 
-    /// Adds small multiples beside each other, plots of [`Size::SMALL`]: four on a desk.
+    /// Adds small multiples side by side, plots of [`Size::SMALL`]: four on a desktop.
     pub fn small_multiples(&mut self, write: impl FnOnce(&mut Self)) -> &mut Self {
         self.within("div class=\"grid small\"", "div", write)
     }
 
-    /// Adds pictures beside each other.
+    /// Adds pictures side by side.
     pub fn pictures(&mut self, write: impl FnOnce(&mut Self)) -> &mut Self {
         self.within("div class=\"pics\"", "div", write)
     }
 
-    /// Adds two parts beside each other, the first somewhat wider; below each other on a phone.
+    /// Adds two parts side by side, the first somewhat wider; on a phone, one below the other.
     pub fn beside(
         &mut self,
         first: impl FnOnce(&mut Self),
@@ -310,8 +309,8 @@ impl Page {
         })
     }
 
-    /// Adds the first sheet of a data sheet: a table, and beside it facts above a figure. In print
-    /// the table stands above both, all small enough for one sheet.
+    /// Adds the first sheet of a data sheet: a table, and to its right facts above a figure. In
+    /// print the table is above both, all small enough for one sheet.
     pub fn data_sheet(
         &mut self,
         table: impl FnOnce(&mut Self),
@@ -325,8 +324,8 @@ impl Page {
         })
     }
 
-    /// Adds how a page opens: words, and beside them a headline that shows them; on a phone and in
-    /// print the words above.
+    /// Adds the opening of a page: text, and to its right a headline figure; on a phone and in print
+    /// the text is above.
     pub fn opening(
         &mut self,
         words: impl FnOnce(&mut Self),
@@ -337,7 +336,7 @@ impl Page {
         })
     }
 
-    /// Adds a plot of [`Size::FIGURE`] or a headline, and beside it what belongs to it.
+    /// Adds a plot of [`Size::FIGURE`] or a headline, and its table or text to the right.
     pub fn evidence(
         &mut self,
         figure: impl FnOnce(&mut Self),

@@ -4,13 +4,13 @@ use super::escape;
 use crate::plot::text;
 use std::fmt::Write;
 
-/// Room for a table on a phone, beside a scroll bar, and of a cell beside its text, px.
+/// Width of a table on a phone without the scroll bar, and padding of a cell, px.
 const PHONE: f64 = 346.0;
 const BESIDE: f64 = 5.0;
 /// Sizes of text in cells and in heads, which are bold, on a phone over that of figures.
 const CELL: f64 = 13.0 / text::SIZE;
 const HEAD: f64 = 1.1 * 12.5 / text::SIZE;
-/// Widest head that stands above its value where a row is broken up, px.
+/// Widest heading that is put above its value if a row is broken up, px.
 const ABOVE: f64 = 76.0;
 
 /// A table, as it is being put together.
@@ -57,7 +57,7 @@ impl Table {
         Self::default().columns(words, Column::Words)
     }
 
-    /// Adds columns of numbers, which stand at the right side of their columns.
+    /// Adds right-aligned columns of numbers.
     pub fn numbers(self, headings: &[&str]) -> Self {
         self.columns(headings, Column::Numbers)
     }

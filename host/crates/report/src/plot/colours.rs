@@ -85,7 +85,7 @@ impl Colour {
         }
     }
 
-    /// The form of its dots: the two greens, and series without a role, are told apart without
+    /// The form of its dots: the two greens, and series without a role, are distinct without
     /// colours too.
     pub(crate) fn dot(self) -> Dot {
         match self {
@@ -128,7 +128,7 @@ pub(crate) fn page_style() -> String {
     out
 }
 
-/// CSS of the roles for a file of its own, without variables, which many programs do not know.
+/// CSS of the roles for a separate file, without variables, which many programs do not support.
 pub(crate) fn file_style() -> String {
     let mut out = String::new();
     for (c, light, _) in ROLES {
@@ -294,7 +294,7 @@ impl Scale {
         Plane::from_fn(steps, 1, |i, _| self.colour(at(i)))
     }
 
-    /// What stands at the ends of the bar.
+    /// Labels at the ends of the bar.
     pub(crate) fn ends(&self) -> [String; 2] {
         let unit = match &self.unit[..] {
             "" => String::new(),
@@ -304,7 +304,7 @@ impl Scale {
     }
 }
 
-/// Whether black text is told better from a colour than white text, from the relative luminance
+/// Whether black text contrasts better with a colour than white text, from the relative luminance
 /// where both have a contrast of 4.58 (WCAG 2.1).
 pub(crate) fn is_light([r, g, b]: [u8; 3]) -> bool {
     let linear = |v: u8| match f64::from(v) / 255.0 {

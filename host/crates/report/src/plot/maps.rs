@@ -97,7 +97,7 @@ impl Cells {
         Self { columns, rows, values, texts: None, best: None, region: Vec::new() }
     }
 
-    /// Sets what stands in the cells, the number otherwise.
+    /// Sets the text of the cells, by default their number.
     pub fn texts(&mut self, texts: Vec<String>) -> &mut Self {
         self.texts = Some(texts);
         self

@@ -1,11 +1,11 @@
 //! Plots as SVG text of one size: series over linear or logarithmic axes, maps, cells.
 //!
-//! Title, legend and names of the axes stand in rows outside the box of the data; names of limits
-//! stand where no data are. A drawing is for a page, where its colours follow the page and
-//! `figure.js` adds values on hover, zoom and export, or a file of its own ([`Plot::file`]).
+//! Title, legend and axis labels are in rows outside the box of the data; names of limits are
+//! placed where there are no data. A drawing is for a page, where its colours follow the page and
+//! `figure.js` adds values on hover, zoom and export, or a separate file ([`Plot::file`]).
 //! The crate `kuva` was tried for the box of the data: it numbers its clip paths by a counter of
 //! the process, so that the same plot has other bytes the second time, draws what is not a number
-//! as 1e-10 on logarithmic axes, and gives neither the ticks nor the groups that pages need.
+//! as 1e-10 on logarithmic axes, and has neither the ticks nor the groups that pages need.
 //!
 //! ```
 //! use camrig_report::plot::{Colour, Mark, Plot};
@@ -51,7 +51,7 @@ pub struct Size {
 impl Size {
     /// A figure among others: three across on a desk, two on A4, one on a phone.
     pub const FIGURE: Self = Self { width: 360.0, height: 262.0 };
-    /// A headline figure on a desk and in print; a page needs [`Size::NARROW`] beside it.
+    /// A headline figure on a desktop and in print; a page also needs [`Size::NARROW`].
     pub const WIDE: Self = Self { width: 640.0, height: 350.0 };
     /// A headline figure on a phone.
     pub const NARROW: Self = Self { width: 358.0, height: 330.0 };
@@ -179,7 +179,7 @@ impl Plot {
         self
     }
 
-    /// Sets the line below the figure that tells how to read it.
+    /// Sets the line below the figure that explains it.
     pub fn note(&mut self, text: &str) -> &mut Self {
         self.note = text.into();
         self
@@ -305,7 +305,7 @@ impl Plot {
         self
     }
 
-    /// Writes text beside a point: to its left, or where there is no room to its right.
+    /// Writes text next to a point: to its left, or to its right if there is no room.
     pub fn tag(&mut self, point: [f64; 2], text: &str) -> &mut Self {
         self.tags.push((point, text.into()));
         self
@@ -340,7 +340,7 @@ impl Plot {
         svg::Drawing::of(self).svg("")
     }
 
-    /// The drawing as a file of its own: light, without variables of CSS.
+    /// The drawing as a separate file: light, without CSS variables.
     pub fn file(&self) -> String {
         let style = format!("{STYLE}{}{}", include_str!("file.css"), colours::file_style());
         svg::Drawing::of(self).svg(&style)
@@ -462,7 +462,7 @@ mod tests {
         let name = |svg: &str| numbers(svg, "text class=\"rl refc\"", "y");
         let mut plot = Plot::new("t", "x", "y");
         plot.x_range(0.0, 10.0).y_range(0.0, 10.0).limit_y(5.0, "limit");
-        // Data above the line all along: the name stands below it.
+        // Data above the whole line: the name is below it.
         let above = (0..200).map(|i| [0.05 * f64::from(i), 5.4]).collect();
         plot.series("", Mark::Points, Colour::Red, above);
         let line = numbers(&plot.svg(), "circle", "cy")[0];

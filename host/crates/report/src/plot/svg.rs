@@ -24,7 +24,7 @@ const SWATCH: f64 = 21.0;
 const BETWEEN: f64 = 12.0;
 /// Room of a label along x and along y, px.
 const ROOM: [f64; 2] = [52.0, 36.0];
-/// Distance of the points at which a line is looked at when names are placed, px.
+/// Sampling distance along a line when names are placed, px.
 const SAMPLED: f64 = 2.0;
 /// Ascent and descent of text, and its distance from data, px.
 const ASCENT: f64 = 9.0;
@@ -43,7 +43,7 @@ const SMALLEST_RADIUS: f64 = 1.7;
 /// A place in the figure, px.
 type Point = [f64; 2];
 
-/// What the legend shows beside a name.
+/// The symbol of a name in the legend.
 #[derive(Clone, Copy)]
 enum Key {
     Mark(Mark),
@@ -65,7 +65,7 @@ pub struct Drawing<'a> {
 }
 
 impl<'a> Drawing<'a> {
-    /// Lays a plot out. A limit whose name finds no place beside the data is named in the legend,
+    /// Lays a plot out. A limit whose name has no room next to the data is named in the legend,
     /// which moves the box; with each turn one more at least is.
     pub fn of(plot: &'a Plot) -> Self {
         let mut named = vec![true; plot.limits.len()];
@@ -153,7 +153,7 @@ impl<'a> Drawing<'a> {
         Some([left + u * (right - left), bottom - v * (bottom - top)])
     }
 
-    /// A point in or just beside the box.
+    /// A point in or just outside the box.
     fn is_inside(&self, [x, y]: Point) -> bool {
         let [left, top, right, bottom] = self.edges;
         (left - 1.0..=right + 1.0).contains(&x) && (top - 1.0..=bottom + 1.0).contains(&y)
@@ -210,7 +210,7 @@ impl<'a> Drawing<'a> {
         homeless
     }
 
-    /// Places beside a limit's line, the best first: at its end, then along it.
+    /// Places next to a limit's line, the best first: at its end, then along it.
     fn candidates(&self, limit: &Limit, [from, to]: [Point; 2], across: f64) -> Vec<Point> {
         let [left, top, right, bottom] = self.edges;
         let steps = (0..=20).map(|i| f64::from(i) / 20.0);
@@ -550,7 +550,7 @@ impl<'a> Drawing<'a> {
         )
     }
 
-    /// A name for files, and for the clip path: it tells figures of a page apart by their title,
+    /// A name for files, and for the clip path: it distinguishes figures of a page by their title,
     /// size and data.
     fn name(&self) -> String {
         let letters =

@@ -4,7 +4,7 @@ use crate::numbers::factor;
 use camrig_base::{Cfa, Plane, RawFrame, Result};
 use camrig_formats::{DngInfo, png, preview};
 
-/// Frames shown as pictures beside the first; of all others the page has the figures only.
+/// Number of frames shown as pictures in addition to the first; others have figures only.
 const OTHERS: usize = 3;
 /// Frames whose figures are kept: a stream may go on for days.
 const FIGURES: usize = 100;

@@ -6,7 +6,7 @@ use crate::numbers::number;
 use crate::page::Page;
 use crate::plot::{Cells, Colour, Mark, Plot, Scale, Size};
 
-/// Most rows and columns of a table of two parameters.
+/// Maximum number of rows and columns of a table of two parameters.
 const MAX_CELLS: usize = 12;
 /// Ratio of the largest to the smallest value from which an axis is logarithmic.
 const DECADE: f64 = 10.0;

@@ -9,7 +9,7 @@ use crate::numbers::number;
 use crate::page::{Page, Table};
 use crate::plot::{Colour, Mark, Plot, Size};
 
-/// Most rows of the table beside the plot.
+/// Maximum number of rows of the table next to the plot.
 const MAX_ROWS: usize = 10;
 
 /// SNR over light of the settings that need least of it, with the table of all; of many settings

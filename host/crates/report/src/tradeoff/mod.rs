@@ -59,7 +59,7 @@ impl<'a> Chosen<'a> {
         self.needs.iter().all(met)
     }
 
-    /// The condition in words.
+    /// Text of the condition.
     fn words(&self) -> String {
         let needs = self.needs.iter().map(|(f, need)| {
             let sign = if f.less_is_better == Some(true) { "≤" } else { "≥" };

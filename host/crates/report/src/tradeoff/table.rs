@@ -116,7 +116,7 @@ impl Setting {
         Some(Measured { value: mean, std_error: Some((square / (n - 1.0) / n).sqrt()) })
     }
 
-    /// A figure in words.
+    /// Text of a figure.
     pub fn words(&self, figure: &Figure) -> Option<String> {
         self.mean(figure).map(|mean| amount(mean.value, mean.std_error, figure.unit))
     }
@@ -281,7 +281,7 @@ impl Settings {
         (all.len() > 1).then_some(all)
     }
 
-    /// A setting in words, without the parameters that are left out.
+    /// Text of a setting, without the parameters in `without`.
     pub fn words(&self, setting: &Setting, without: &[usize]) -> String {
         let named = self.names.iter().zip(&setting.values).enumerate();
         let words = named
@@ -326,7 +326,7 @@ pub(super) fn spoken(name: &str) -> String {
     }
 }
 
-/// A value of a parameter for people: with its unit, and its name where the unit does not tell.
+/// Text of a parameter's value: with its unit, and its name if the unit is ambiguous.
 pub(super) fn spoken_value(name: &str, value: &Swept) -> String {
     let text = match value {
         Swept::Number(value) => short(*value),
@@ -353,7 +353,7 @@ pub(super) fn short(value: f64) -> String {
     if text.len() <= 6 { text } else { number(value) }
 }
 
-/// Where a rising curve in dB over lx reaches the acceptable SNR, or in words why nowhere. Between
+/// Where a rising curve in dB against lx reaches the acceptable SNR, or text why nowhere. Between
 /// two points the SNR is taken as linear in the logarithm of the illuminance.
 pub(super) fn crossing(points: &[[f64; 2]]) -> Result<f64, String> {
     let (Some(first), Some(last)) = (points.first(), points.last()) else {
