@@ -1,14 +1,15 @@
 //! Self-contained HTML pages and SVG plots of measurements and simulations.
 //!
-//! The principal type is [`page::Page`]. It is written top to bottom from headings, tables, pictures
-//! and drawings; it loads nothing from elsewhere, is readable on a phone, in print, on a dark background and without
-//! script, and has the same bytes for the same content. A [`plot::Plot`] draws series over linear
-//! or logarithmic axes, maps and cells; its colours are roles, which the page colours. The module
-//! [`numbers`] writes values as their errors allow. The other modules write the pages of camrig's
-//! commands: data sheets, EMVA 1288, lenses, measurements, simulations, diagnosis, trade-offs.
+//! The principal type is [`page::Page`]. It is written top to bottom from headings, tables,
+//! pictures and drawings; it loads nothing from elsewhere, is readable on a phone, in print, on a
+//! dark background and without scripts, and has the same bytes for the same content. A
+//! [`plot::Plot`] draws series over linear or logarithmic axes, maps and cells; its colours are
+//! roles, which the page colours. The module [`numbers`] rounds values to their errors. The other
+//! modules write the pages of camrig's commands: data sheets, EMVA 1288, lenses, measurements,
+//! simulations, diagnosis, trade-offs.
 //!
 //! # Example
-//! A page with the noise of a sensor over its signal, both in electrons:
+//! A page with the noise of a sensor against its signal, both in electrons:
 //! ```
 //! use camrig_report::{numbers::amount, page::Page, plot::{Colour, Mark, Plot}};
 //!

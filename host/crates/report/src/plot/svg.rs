@@ -300,7 +300,7 @@ impl<'a> Drawing<'a> {
     /// What the drawing shows, for those who do not see it.
     fn words(&self) -> String {
         let plot = self.plot;
-        let what = format!("{} over {}", plot.y.label, plot.x.label);
+        let what = format!("{} against {}", plot.y.label, plot.x.label);
         let title = if plot.title.is_empty() { what } else { format!("{}: {what}", plot.title) };
         format!("{title}. {}", plot.note).trim_end().to_owned()
     }

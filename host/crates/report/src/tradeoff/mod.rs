@@ -214,7 +214,7 @@ mod tests {
             "12 pictures of 6 settings: f-number, scene illuminance",
             "SNR against scene illuminance",
             "Light for SNR 10 against f-number",
-            "MTF50 over f-number",
+            "MTF50 against f-number",
             "Least light for SNR 10",
             "MTF50 against light for SNR 10",
             "[grid]",
