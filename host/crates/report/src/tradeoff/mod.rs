@@ -224,7 +224,7 @@ mod tests {
         // 20 dB lie between 15 dB at 10 lx and 25 dB at 100 lx: 10^1.5 lx; and 10^1.8 lx.
         assert!(html.contains("31.6\u{a0}lx") && html.contains("63.1"), "{html}");
         // Values that are the same everywhere are no axis.
-        assert!(!html.contains("over exposure"), "{html}");
+        assert!(!html.contains("against exposure"), "{html}");
     }
 
     #[test]
