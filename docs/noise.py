@@ -1,11 +1,14 @@
-"""How far the noise of a model is from that of real frames: Kullback-Leibler divergence and Kolmogorov-Smirnov distance.
+"""Distance of a model's noise from that of real frames: Kullback-Leibler divergence and Kolmogorov-Smirnov distance.
 
-Noise is what a held-out frame is from the mean of the held-out frames of its stack, in whole multiples of 1/n DN, n the frames.
-A model's frames are made and treated alike: as many, of the same exposure, gain and temperature, in light that gives the base
-model the measured mean. Stacks of which 1 % of the samples are saturated, whose mean is cut, are left out. Divergence: the sum of p ln(p/q) over the cells of a histogram, p the measured shares, q the model's,
-in nats, cells an eighth of the measured standard deviation wide and at least 1 DN, half a sample added to each cell of q
-(Krichevsky and Trofimov 1981). Of N samples in B cells, (B - 1)/N is chance where both laws are the same. Distance: the largest
-difference of the distribution functions. Both are means over stacks. The plainest model is Poisson's and a normal law, rounded:
+Noise is the difference of a held-out frame from the mean of the held-out frames of its stack, in multiples of 1/n DN for n
+frames. The model's frames are processed in the same way: the same number, with the same exposure, gain and temperature, in
+light that gives the base model the measured mean. Stacks in which 1 % of the samples saturate, and whose mean is clipped
+therefore, are excluded.
+
+Divergence: the sum of p ln(p/q) over the cells of a histogram, p the measured shares, q the model's, in nats, with cells an
+eighth of the measured standard deviation wide and at least 1 DN, and half a sample added to each cell of q (Krichevsky and
+Trofimov 1981). With N samples in B cells, its expectation is (B - 1)/N if both distributions are equal. Distance: the largest
+difference of the distribution functions. Both are means over stacks. The simplest model is Poisson and normal noise, rounded:
 gain, read noise and black level.
 """
 import pathlib

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Diagnoses real sensors from base models that `camrig measure emva` gives: the tables of docs/diagnosis.md.
+"""Diagnoses real sensors, starting from base models measured by `camrig measure emva`: the tables of docs/diagnosis.md.
 
     real-sensors.py target/release/camrig OUT CAPTURES...
 
-OUT gets a camera file and a diagnosis for each capture set. Nothing is tuned: gain, read noise, PRNU and black level are
-those of the measurement, all else is left out. Where rounding hides the read noise (8 bits), it is taken at its upper limit,
-which is said. A set that cannot be measured so (darks alone) is diagnosed from the camera file that lies beside it.
+OUT gets a camera file and a diagnosis for each capture set. Nothing is tuned: gain, read noise, PRNU and black level are those
+of the measurement, everything else is omitted. If rounding hides the read noise (8 bits), its upper limit is used, with a note.
+A set that cannot be measured this way (darks alone) is diagnosed from the camera file in its folder.
 
-The second table is the distance of the models' noise from that of the held-out frames: see `noise.py` beside this file, which
-needs numpy. Without numpy it is left out, which is said.
+The second table is the distance of the models' noise from that of the held-out frames: see `noise.py` in this folder, which
+needs numpy. Without numpy it is skipped, with a note.
 """
 import json
 import pathlib
