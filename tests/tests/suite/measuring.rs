@@ -410,5 +410,5 @@ fn real_captures_have_their_published_figures() {
     let emva = measure("emva", "imx541_alvium1800u2040m");
     assert!(emva["quantum_efficiency"].is_null());
     let warned = emva["warnings"].to_string();
-    assert!(warned.contains("photons per pixel are not known"), "{warned}");
+    assert!(warned.contains("photons per pixel are unknown"), "{warned}");
 }
