@@ -6,7 +6,7 @@ use std::alloc::{GlobalAlloc, Layout, System as Memory};
 /// of them.
 const LARGEST: usize = 256 << 20;
 
-/// The system's memory, without allocations beyond [`LARGEST`].
+/// The system's memory, without allocations beyond 256 MiB.
 pub struct Bounded;
 
 // SAFETY: every call is passed on to the system's allocator, or ends the process.

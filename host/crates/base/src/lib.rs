@@ -4,7 +4,7 @@
 //! * [`Error`]: what is wrong, of which [`ErrorKind`], where, and what would be right;
 //! * [`Plane`] and [`Cfa`]: rectangles of values, row by row from the top; colour filter patterns;
 //! * [`Spectrum`], [`Bands`] and [`table`]: curves over wavelength (nm) and their CSV files;
-//!   [`unit`]: the units of instruments and files;
+//!   [`unit`](mod@unit): the units of instruments and files;
 //! * [`output`]: files and directories that appear whole or not at all, and outputs that are read
 //!   while they are written; [`stop`]: work that a signal stops between two pieces;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;

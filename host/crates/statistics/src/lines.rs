@@ -23,7 +23,7 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Of line means; where the light may be uneven, only of what changes within [`SMOOTH_LINES`].
+    /// Of line means; where the light may be uneven, only of what changes within `SMOOTH_LINES`.
     pub fn new(means: Vec<f64>, even: bool) -> Self {
         let means = if even { means } else { without_smooth(&means) };
         Self {
