@@ -12,9 +12,9 @@ use camrig::capture::{plan, take};
 use camrig::captures::CaptureSet;
 use camrig::clean::Cleaned;
 use camrig::diagnose::data::design;
+use camrig::diagnose::measured::{Keep, Measured};
 use camrig::diagnose::model::replicate;
-use camrig::diagnose::search::{self, Session};
-use camrig::diagnose::verdict;
+use camrig::diagnose::{Options, diagnose};
 use camrig_benches::cost::{Time, memory, peak_bytes};
 use camrig_benches::frames::read_all;
 use std::path::Path;
@@ -70,8 +70,6 @@ fn main() {
     read_all(&set);
     let reading = Time::of(|| read_all(&set));
     let captures = CaptureSet::load(&set).expect("the set loads");
-    let cleaned =
-        Cleaned::new(captures.clone(), &Default::default()).expect("the set is looked at");
     let counts: Vec<usize> =
         captures.captures.iter().map(|c| captures.count(c).expect("frames")).collect();
     let halves = || design::divide(&model, &captures, &counts).expect("halves");
@@ -79,19 +77,18 @@ fn main() {
     let replicate = Time::of(|| {
         drop(replicate::simulate(&model, &design, 1, false).expect("a replicate"));
     });
-    let mut names = Vec::new();
-    let mut word = "";
     let measuring = Time::of(|| {
-        let cleaned =
-            Cleaned::new(captures.clone(), &Default::default()).expect("the set is looked at");
-        drop(Session::open(&model, &cleaned, halves(), &|_| ()).expect("the set is measured"));
+        let cleaned = Cleaned::new(captures.clone(), &Default::default()).expect("a clean set");
+        let keep = Keep::Moments;
+        drop(Measured::new(&model, &cleaned, halves(), keep, &|_| ()).expect("a measurement"));
     });
+    let mut report = None;
     let whole = Time::of(|| {
-        let session = Session::open(&model, &cleaned, halves(), &|_| ()).expect("as before");
-        let found = search::run(&session, &model, &[], &|_| ()).expect("a diagnosis");
-        names = found.steps.iter().map(|s| s.trial.proposal.kind).collect();
-        word = verdict::judge(&session, &found).word();
+        let found = diagnose(&model, captures.clone(), &Options::default());
+        report = Some(found.expect("a diagnosis").report);
     });
+    let report = report.expect("a report");
+    let names: Vec<&str> = report.steps.iter().map(|s| &*s.effect).collect();
     println!(
         "Diagnosis of {} frames of 512 x 384 (wall, processor time):",
         counts.iter().sum::<usize>()
@@ -100,7 +97,7 @@ fn main() {
     println!("  reading and measuring   {measuring}");
     println!("  one replicate, a half   {replicate}");
     println!("  camrig diagnose         {whole}, {} at most in memory", memory(peak_bytes()));
-    println!("  {word}: {}", names.join(", "));
+    println!("  {}: {}", report.verdict.word(), names.join(", "));
     println!(
         "  {:.0} replicates' time; {:.2} of the goal of 60 s",
         whole.cpu / replicate.cpu,

@@ -3,10 +3,7 @@
 //! `cargo run --release -p camrig --example diagnosis`; takes about a minute.
 
 use camrig::capture::{plan, take};
-use camrig::clean::Cleaned;
-use camrig::diagnose::data::design;
-use camrig::diagnose::search::{self, Session};
-use camrig::diagnose::verdict;
+use camrig::diagnose::{Options, Progress, diagnose};
 use camrig::prelude::*;
 use camrig_sensor_core::effects::row_temporal_noise::RowTemporalNoise;
 
@@ -23,15 +20,13 @@ fn main() -> Result<()> {
     take::take(&built, &plan::load("ptc")?, &captures, &take::TakeOptions::default(), || ())?;
 
     // Half of the frames are fitted, the others are held out and only judge.
-    let set = CaptureSet::load(&captures)?;
-    let cleaned = Cleaned::new(set, &Default::default())?;
-    let set = cleaned.set();
-    let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
-    let halves = design::divide(&model, set, &counts)?;
-    let session = Session::open(&model, &cleaned, halves, &|_| ())?;
-    let outcome = search::run(&session, &model, &[], &|effect| println!("trying {effect}"))?;
-
-    let report = verdict::report(&session, &outcome);
+    let show = |progress: Progress<'_>| {
+        if let Progress::Trying(effect) = progress {
+            println!("trying {effect}");
+        }
+    };
+    let options = Options::default().with_progress(&show);
+    let report = diagnose(&model, CaptureSet::load(&captures)?, &options)?.report;
     println!(
         "{}: gap {:.2} → {:.2} on held-out frames (1.0 for the right model)",
         report.verdict.word(),

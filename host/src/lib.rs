@@ -17,7 +17,7 @@
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
 //! | [`statistics`] | stacks of frames | figures that a diagnosis compares, with deviations |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
-//! | [`diagnose`], [`shapes`] | a camera and capture sets | effects that it lacks, other shapes |
+//! | [`diagnose`] | a camera and capture sets | effects that it lacks, other shapes |
 //! | [`validate`] | a camera and capture sets | both compared |
 //! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
 //! | [`report`], [`batch`] | figures; sweeps | pages; data sets |
@@ -81,6 +81,5 @@ pub use camrig_report as report;
 pub use camrig_rig as rig;
 pub use camrig_scene as scene;
 pub use camrig_scene_files as scene_files;
-pub use camrig_shapes as shapes;
 pub use camrig_statistics as statistics;
 pub use camrig_validate as validate;

@@ -1,9 +1,10 @@
 //! `camrig compare`: the deviations of captures from a model, by statistic.
 
 use super::arguments::ChangeArgs;
-use super::diagnose::open;
+use super::captures::opened;
+use super::diagnose::with_display;
 use camrig_base::Result;
-use camrig_diagnose::{Session, verdict};
+use camrig_diagnose::{Options, compare};
 use camrig_measure::mtf::Roi;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -35,9 +36,9 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let camera = args.changes.load(&args.camera)?;
-    let (camera, session) = open(camera, &args.captures, args.region, Session::to_compare)?;
-    let (state, gap) = session.compare(&camera)?;
-    let found = verdict::comparison(&session, &state, gap);
+    let found = with_display(Options::default(), args.region, |options| {
+        compare(&camera, opened(&args.captures)?, &options)
+    })?;
     if args.json {
         println!("{}", found.json());
     } else {

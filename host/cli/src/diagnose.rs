@@ -1,24 +1,19 @@
 //! `camrig diagnose`: name what the model lacks.
 
-use super::arguments::{ChangeArgs, band_at, progress};
+use super::arguments::{ChangeArgs, progress};
 use super::captures::opened;
 use super::notes::Notes;
+use camrig_base::Result;
 use camrig_base::output::OutputDir;
-use camrig_base::{Bands, Error, Result};
-use camrig_camera::Camera;
 use camrig_capture::plan;
-use camrig_captures::{CaptureSet, Role};
-use camrig_clean::{self as clean, Cleaned, Finding};
-use camrig_diagnose::Session;
-use camrig_diagnose::data::codes;
-use camrig_diagnose::data::design::{self, Halves};
 use camrig_diagnose::report::Report;
-use camrig_diagnose::verdict::{self, improved};
+use camrig_diagnose::{Options, Progress, diagnose};
 use camrig_measure::mtf::Roi;
 use camrig_report as pages;
-use camrig_shapes as shapes;
-use std::path::{Path, PathBuf};
+use indicatif::ProgressBar;
+use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
 
 /// Find where captures and a camera file disagree, name the missing effects, add them, show the
 /// gap shrink
@@ -53,89 +48,88 @@ pub struct Args {
     force: bool,
 }
 
-/// How the frames of a cleaned set are measured: [`Session::open`] or [`Session::to_compare`].
-type Measure = fn(&Camera, &Cleaned, Halves, &(dyn Fn(usize) + Sync)) -> Result<Session>;
-
-/// Reads camera and captures, of them only a `region` where one is given, and measures the frames.
-pub(super) fn open(
-    mut camera: Camera,
-    captures: &Path,
+/// Calls `run` with options that show on standard error what a diagnosis is doing.
+pub(super) fn with_display<T>(
+    options: Options<'_>,
     region: Option<Roi>,
-    measure: Measure,
-) -> Result<(Camera, Session)> {
-    let mut set = opened(captures)?;
-    if let Some(Roi { x, y, width, height }) = region {
-        set = set.within([x, y, width, height])?;
-    }
-    // A capture set may hold a region of the sensor.
-    let (w, h) = (set.sensor.width as u32, set.sensor.height as u32);
-    if w <= camera.sensor.width && h <= camera.sensor.height {
-        (camera.sensor.width, camera.sensor.height) = (w, h);
-    }
-    let lit = set.captures.iter().filter_map(|c| c.light.as_ref()?.wavelength_nm).map(band_at);
-    let mut notes = Notes::default();
-    notes.tell_tables(&camera, lit.chain([Bands::VISIBLE]));
-    let of_tables = notes.all().to_vec();
-    let bar = looking(&set)?;
-    let cleaned =
-        Cleaned::new(set, &clean::Options::default().with_progress(&|n| bar.inc(n as u64)))?;
-    bar.finish_and_clear();
-    let (camera, set) = (codes::camera_of(&camera, &cleaned), cleaned.set());
-    let counts = set.captures.iter().map(|c| set.count(c)).collect::<Result<Vec<usize>>>()?;
-    let halves = design::divide(&camera, set, &counts)?;
-    let total: usize = frames(&halves);
-    let bar = progress("frames", total as u64);
-    let mut session = measure(&camera, &cleaned, halves, &|n| bar.inc(n as u64))?;
-    bar.finish_and_clear();
-    session.notes.retain(|note| !of_tables.contains(note));
-    session.notes.splice(0..0, of_tables);
-    notes.tell(session.notes.iter().cloned().chain(session.findings.iter().map(Finding::line)));
-    Ok((camera, session))
-}
-
-/// The bar while a set is looked at, which reads its dark and flat stacks twice.
-pub(super) fn looking(set: &CaptureSet) -> Result<indicatif::ProgressBar> {
-    let of_light = set.captures.iter().filter(|c| matches!(c.role, Role::Dark | Role::Flat));
-    let frames = of_light.map(|c| set.count(c)).sum::<Result<usize>>()?;
-    Ok(progress("looked at", 2 * frames as u64))
-}
-
-fn frames(halves: &Halves) -> usize {
-    // The stacks of a set are read once for each half.
-    let of = |d: &design::Design| {
-        let stacks = d.conditions.iter().map(|c| c.stack.frames);
-        stacks.chain(d.targets.iter().map(|t| t.stack.frames)).sum::<usize>()
+    run: impl FnOnce(Options<'_>) -> Result<T>,
+) -> Result<T> {
+    let display = Mutex::new(Display::default());
+    let show = |progress: Progress<'_>| {
+        display.lock().unwrap_or_else(PoisonError::into_inner).show(progress);
     };
-    of(&halves.fit) + halves.holdout.as_ref().map_or(0, of)
+    let options = options.with_progress(&show);
+    run(match region {
+        Some(Roi { x, y, width, height }) => options.with_region([x, y, width, height]),
+        None => options,
+    })
+}
+
+/// Standard error while a diagnosis runs: a bar for each of its stages, and notes.
+#[derive(Default)]
+struct Display {
+    bar: Option<(&'static str, ProgressBar)>,
+    notes: Notes,
+}
+
+impl Display {
+    fn show(&mut self, progress: Progress<'_>) {
+        match progress {
+            Progress::Checked { frames, total } => self.advance("checked", frames, total),
+            Progress::Measured { frames, total } => self.advance("measured", frames, total),
+            Progress::Note(note) => {
+                self.clear();
+                self.notes.tell([note.to_string()]);
+            }
+            Progress::Trying(what) => {
+                let bar = self.bar("trying", ProgressBar::new_spinner);
+                bar.set_message(format!("trying {what}"));
+                bar.tick();
+            }
+            _ => (),
+        }
+    }
+
+    fn advance(&mut self, stage: &'static str, frames: usize, total: usize) {
+        self.bar(stage, || progress(stage, total as u64)).inc(frames as u64);
+    }
+
+    /// The bar of a stage, in place of that of the stage before.
+    fn bar(&mut self, stage: &'static str, new: impl Fn() -> ProgressBar) -> &ProgressBar {
+        if self.bar.as_ref().is_some_and(|(of, _)| *of != stage) {
+            self.clear();
+        }
+        &self.bar.get_or_insert_with(|| (stage, new())).1
+    }
+
+    fn clear(&mut self) {
+        self.bar.take().iter().for_each(|(_, bar)| bar.finish_and_clear());
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        self.clear();
+    }
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let known: Vec<&str> = camrig_diagnose::candidates::CATALOGUE.iter().map(|c| c.0).collect();
-    for kind in &args.without {
-        if !known.contains(&kind.as_str()) {
-            return Err(Error::input(format!("no effect {kind:?} is looked for"))
-                .help(camrig_base::toml_text::did_you_mean(kind, &known)));
-        }
-    }
+    let options = Options::default().without(&args.without)?;
     let model = args.changes.load(&args.camera)?;
     let output = OutputDir::create(&args.output, args.force)?;
-    let (camera, mut session) = open(model, &args.captures, args.region, Session::open)?;
-    let bar = indicatif::ProgressBar::new_spinner();
-    let outcome = shapes::run(&mut session, &camera, &args.without, &|what| {
-        bar.set_message(format!("trying {what}"));
-        bar.tick();
+    let found = with_display(options, args.region, |options| {
+        diagnose(&model, opened(&args.captures)?, &options)
     })?;
-    bar.finish_and_clear();
-    let found = verdict::report(&session, &outcome);
-    let alone = improved::standalone(&camera.text, &args.camera)?;
-    let given = alone.text.clone();
-    let improved = improved::camera_file(alone, &outcome.after.camera, &outcome.after.named)?;
-    let json = found.json() + "\n";
+    let json = found.report.json() + "\n";
+    let improved = found.improved_file(&args.camera)?;
     output.write("diagnosis.json", json.as_bytes())?;
     output.write("camera-improved.toml", improved.text.as_bytes())?;
     for (name, content) in &improved.tables {
         output.write(name, content.as_bytes())?;
+    }
+    if let Some(plan) = found.next_plan() {
+        output.write("next-captures.toml", plan::text(plan).as_bytes())?;
     }
     let region =
         args.region.map(|Roi { x, y, width: w, height: h }| format!(" --region {x},{y},{w},{h}"));
@@ -146,22 +140,16 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         region.unwrap_or_default(),
         args.output.display()
     );
-    if !outcome.confounded.is_empty() || !session.unexplained(&outcome.after).is_empty() {
-        output.write("next-captures.toml", plan::text(verdict::next_plan(&outcome)).as_bytes())?;
-    }
-    let added = improved::additions(&given, &improved.text, &outcome.after.named)?;
-    let files = [&improved.text[..], &added];
-    output.write(
-        "report.html",
-        pages::diagnosis::page(&session, &outcome, &found, files, &command)?.as_bytes(),
-    )?;
+    let page = pages::diagnosis::page(&found, &improved, &command)?;
+    output.write("report.html", page.as_bytes())?;
     output.finish()?;
     if args.json {
         print!("{json}");
     } else {
-        say(&found);
+        say(&found.report);
     }
-    Ok(if found.verdict.is_explained() { ExitCode::SUCCESS } else { ExitCode::from(1) })
+    let explained = found.report.verdict.is_explained();
+    Ok(if explained { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }
 
 /// Prints the diagnosis in a few lines.
@@ -198,7 +186,7 @@ fn say(found: &Report) {
             }
         }
     }
-    if let Some(first) = &found.doubted {
+    if let Some(first) = &found.superseded {
         println!("  {first} was named first; a search that begins without it explains more");
     }
     for m in &found.measures.mtf_at_nyquist {
@@ -223,6 +211,6 @@ fn say(found: &Report) {
         println!("  {nearest}");
     }
     for pair in &found.ambiguous {
-        println!("  cannot be told apart: {}; {}", pair.names(), pair.tie_breaker);
+        println!("  cannot be distinguished: {}; {}", pair.names(), pair.tie_breaker);
     }
 }

@@ -11,14 +11,11 @@ use std::path::{Path, PathBuf};
 
 /// Circles that are still to be cut.
 const KNOWN: &[&str] = &[
-    "host/cli: captures/mod.rs, diagnose.rs",
     "host/cli: rig.rs, rig_view/mod.rs",
     "host/cli: scene.rs, scene_info.rs",
     "host/cli: scene_lights.rs, sequence_lights.rs, simulate.rs",
     "host/crates/camera: check.rs, prescription.rs",
     "host/crates/camera: effects.rs, empirical.rs",
-    "host/crates/diagnose: finding.rs, report.rs",
-    "host/crates/diagnose: shapes/blocks.rs, shapes/seam.rs",
     "host/crates/lens-files: seq/apertures.rs, seq/commands.rs",
     "host/crates/lens: best_focus.rs, system.rs",
     "host/crates/lens: frame.rs, ideal.rs, prescription.rs, trace.rs",
@@ -29,7 +26,6 @@ const KNOWN: &[&str] = &[
     "host/crates/scene: cube.rs, selection.rs",
     "host/crates/scene: images.rs, tiff_tags.rs",
     "host/crates/scene: rgb/icc.rs, rgb/read_png.rs",
-    "host/crates/shapes: blocks.rs, seam.rs",
 ];
 
 #[test]

@@ -2,7 +2,7 @@
 
 mod new;
 
-use super::diagnose::looking;
+use super::arguments::progress;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
@@ -69,7 +69,7 @@ fn check(args: &CheckArgs) -> Result<ExitCode> {
         return Err(camrig_base::mistakes::all(faults));
     }
     let contradictions = set.contradictions();
-    let bar = looking(&set)?;
+    let bar = progress("checked", Cleaned::frames_to_read(&set)? as u64);
     let cleaned =
         Cleaned::inspect(set, &Options::default().with_progress(&|n| bar.inc(n as u64)))?;
     bar.finish_and_clear();

@@ -6,7 +6,7 @@ use super::curves::FrameCurve;
 use super::finding::{Done, Finding, Kind};
 use super::inspect::inspect;
 use camrig_base::{Error, Plane, Result};
-use camrig_captures::CaptureSet;
+use camrig_captures::{CaptureSet, Role};
 use std::fmt;
 
 /// A capture set with its findings; its frames are corrected as they are read.
@@ -67,6 +67,15 @@ impl Cleaned {
     pub fn inspect(set: CaptureSet, options: &Options<'_>) -> Result<Self> {
         let (findings, corrections) = inspect(&set, options)?;
         Ok(Self { set: corrections.apply_to_set(&set), raw: set, findings, corrections })
+    }
+
+    /// Frames that [`Options::progress`] receives in all: those of dark and flat stacks, each twice.
+    ///
+    /// # Errors
+    /// Files that cannot be read.
+    pub fn frames_to_read(set: &CaptureSet) -> Result<usize> {
+        let of_light = set.captures.iter().filter(|c| matches!(c.role, Role::Dark | Role::Flat));
+        Ok(2 * of_light.map(|c| set.count(c)).sum::<Result<usize>>()?)
     }
 
     /// The set with corrected labels and, where samples were divided by a step, with bits, black

@@ -3,7 +3,6 @@
 //! Fields are in the order of the file's keys, which is alphabetical. A number that is not finite,
 //! or that was not determined, is `null` in the file.
 
-use crate::finding::{Dependence, Domain, Form};
 pub use camrig_clean::Finding;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -11,13 +10,11 @@ use std::collections::BTreeMap;
 /// Name and version of the format.
 pub const FORMAT: &str = "diagnosis/1";
 
-/// What a diagnosis says.
+/// The result of a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Pairs of effects that the captures cannot tell apart.
+    /// Pairs of effects that the captures cannot distinguish.
     pub ambiguous: Vec<Ambiguity>,
-    /// The effect that was named at first, where a search that begins without it explains more.
-    pub doubted: Option<String>,
     /// [`FORMAT`].
     pub format: String,
     /// Held-out gap of the improved model.
@@ -31,18 +28,20 @@ pub struct Report {
     pub gap_limit: f64,
     /// The measures of Chen et al. 2009, section VI.
     pub measures: Measures,
-    /// Effects that came nearest, but leave too much to be named.
+    /// Effects that came nearest, but leave too much unexplained to be named.
     pub nearest: Vec<String>,
     /// Notes on the captures.
     pub notes: Vec<String>,
-    /// What was found in the captures that is not the sensor's steady behaviour, and what was done
-    /// about it.
+    /// What was found in the captures that is not the sensor's steady behaviour, and how it was
+    /// treated.
     #[serde(default)]
     pub nuisances: Vec<Finding>,
     /// Number of statistics.
     pub statistics: usize,
     /// The effects that were found, in order.
     pub steps: Vec<Step>,
+    /// The effect that was named first, where a search that begins without it explains more.
+    pub superseded: Option<String>,
     /// Statistics that the improved model leaves unexplained, the furthest first.
     pub unexplained: Vec<Unexplained>,
     /// The verdict.
@@ -80,12 +79,12 @@ impl Verdict {
     }
 }
 
-/// Two effects that the captures cannot tell apart.
+/// Two effects that the captures cannot distinguish.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Ambiguity {
     /// The one that was named, and its rival.
     pub effects: [String; 2],
-    /// The captures that would tell them apart.
+    /// The captures that would distinguish them.
     pub tie_breaker: String,
 }
 
@@ -102,7 +101,7 @@ pub struct Step {
     /// Of what was proposed: what of the sensor it is in.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub domain: Option<Domain>,
-    /// Its kind; [`EMPIRICAL`](crate::finding::EMPIRICAL) of what was proposed.
+    /// Its kind; [`EMPIRICAL`] of what was proposed.
     pub effect: String,
     /// Fall of the deviance of the frames to fit.
     #[serde(with = "number")]
@@ -155,6 +154,62 @@ pub struct Shown {
     pub x: String,
     /// What is shown, with its unit.
     pub y: String,
+}
+
+/// Name in `diagnosis.json` of an effect that no catalogue has.
+pub const EMPIRICAL: &str = "empirical";
+
+/// What of the sensor a proposed effect is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Domain {
+    /// What every frame has, e⁻.
+    Offset,
+    /// The response to light, relative.
+    Gain,
+    /// The rate of dark charge, e⁻/s.
+    Dark,
+    /// What is new in every frame, e⁻.
+    Temporal,
+    /// The signal over the light.
+    Response,
+}
+
+/// The shape of a proposed effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    /// A step between two parts of the sensor.
+    Seam,
+    /// A plane wave.
+    Wave,
+    /// Common to a row, with a profile along it.
+    RowProfile,
+    /// Common to a column, with a profile along it.
+    ColumnProfile,
+    /// Common to a row, alike along it.
+    RowFlat,
+    /// Common to a column, alike along it.
+    ColumnFlat,
+    /// Follows itself from pixel to pixel.
+    Correlation,
+    /// A law over pixels.
+    Distribution,
+    /// A step of the response at a signal.
+    SignalStep,
+    /// The first frames after a start.
+    FrameCurve,
+}
+
+/// How the amount of a proposed effect depends on the conditions: exponents.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dependence {
+    /// On the exposure.
+    #[serde(with = "number")]
+    pub exposure: f64,
+    /// On the signal.
+    #[serde(with = "number")]
+    pub signal: f64,
 }
 
 /// Whether an effect is confirmed.
@@ -337,7 +392,9 @@ impl Report {
     pub fn nearest_in_words(&self) -> Option<String> {
         (!self.nearest.is_empty()).then(|| {
             let kinds = self.nearest.join(", ");
-            format!("nearest in the catalogue, but leaving too much to be named: {kinds}")
+            format!(
+                "nearest in the catalogue, but leaving too much unexplained to be named: {kinds}"
+            )
         })
     }
 }
@@ -390,7 +447,6 @@ mod tests {
                 effects: ["system-gain".into(), "quantum-efficiency".into()],
                 tie_breaker: "flats".into(),
             }],
-            doubted: None,
             format: FORMAT.into(),
             gap_after: 1.0,
             gap_before: 15.25,
@@ -426,6 +482,7 @@ mod tests {
                 status: Status::Confirmed,
                 place: "capture dark".into(),
             }],
+            superseded: None,
             unexplained: Vec::new(),
             verdict: Verdict::PartlyExplained,
         }

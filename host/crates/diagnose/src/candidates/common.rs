@@ -1,5 +1,5 @@
 //! What several estimators share: the present value of a parameter, a standard deviation from an
-//! excess of variance, a count of outliers beside its prediction, and the growth of dark current
+//! excess of variance, a count of outliers and its prediction, and the growth of dark current
 //! with temperature.
 
 use super::proposal::{Proposal, deviation};
@@ -44,7 +44,7 @@ pub(super) fn of_excess(
     Some(Proposal::new(kind, effect(s.value as f32), excess.z().abs()).with(key, s.value, s.se))
 }
 
-/// A count of outliers beside what the model predicts of it.
+/// A count of outliers, and the model's prediction of it.
 pub(super) struct Count {
     /// Measured.
     pub(super) seen: f64,

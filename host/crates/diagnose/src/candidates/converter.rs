@@ -41,7 +41,7 @@ const NEWTON: usize = 4;
 /// the codes that the bit divides: a normal law's wave of period 2h has the amplitude
 /// exp(−π²σ²/2h²), 2e-5 at σ = 1.5 h.
 const SMOOTH_FROM: f64 = 1.5;
-/// Least width of a code, DN: one that is missing altogether says no more than a very narrow one.
+/// Least width of a code, DN: a missing one has no more information than a very narrow one.
 const MIN_WIDTH_DN: f64 = 0.05;
 /// Largest share of samples at the ends of the scale with which a stack is used: what is cut off
 /// bends the density near the ends.

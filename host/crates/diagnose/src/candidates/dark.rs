@@ -194,7 +194,7 @@ pub fn doubling(e: &Evidence<'_>) -> Option<Proposal> {
     ))
 }
 
-/// What one channel of a dark stack says of 1/T_d less that of the model, 1/K:
+/// Estimate of 1/T_d minus that of the model, 1/K, from one channel of a dark stack:
 /// ln 2 (T − T_ref)/T_d = ln 2 (T − T_ref)/T_d0 + ln ratio.
 fn doubling_shift(
     e: &Evidence<'_>,

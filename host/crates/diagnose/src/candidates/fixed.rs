@@ -2,7 +2,7 @@
 //! `readout-channel-mismatch`, of offset and gain.
 //!
 //! The offset map is the mean of the reference dark stack, DN. Standard deviations come from the
-//! variance V of its row means, column means or pixels beside what the model predicts, V', as σ² =
+//! variance V of its row means, column means or pixels and the model's prediction V', as σ² =
 //! σ₀² + (V − V')/K², e⁻², with K the system gain (DN/e⁻) and σ₀ what the model has. Channels of
 //! the read-out are columns that repeat every n columns: n is the period whose means leave least
 //! of the columns by Schwarz's criterion, σ² the variance between its n means less that of a mean,
@@ -121,7 +121,7 @@ fn period_deviation(e: &Evidence<'_>, map: MapKind, period: usize) -> Option<f64
 struct Columns<'a> {
     /// In the map's unit, slopes taken out.
     means: &'a [f64],
-    /// Their variance beside what repeats, in the map's unit squared.
+    /// Their variance without what repeats, in the map's unit squared.
     variance: f64,
     /// What the results are to be in, in the map's unit.
     unit: f64,

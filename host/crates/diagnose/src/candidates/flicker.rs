@@ -68,7 +68,7 @@ fn line_peak(power: &[f64], n: f64) -> f64 {
     (at as f64 + 1.0 + shift) / n
 }
 
-/// A wave down the rows of any phase, beside a constant for each row of the colour filter pattern.
+/// A wave of any phase down the rows, and a constant for each row of the colour filter pattern.
 struct Wave {
     /// Sine of each row, less the constants.
     sine: Vec<f64>,
@@ -79,7 +79,7 @@ struct Wave {
 }
 
 impl Wave {
-    /// The wave of so many cycles per row, beside what repeats every `period` rows.
+    /// The wave of so many cycles per row, in addition to what repeats every `period` rows.
     fn new(cycles: f64, rows: usize, period: usize) -> Self {
         let of = |f: fn(f64) -> f64| {
             let at = |y: usize| f(std::f64::consts::TAU * cycles * y as f64);
@@ -139,7 +139,7 @@ struct Flat<'a> {
 }
 
 impl Flat<'_> {
-    /// What a power in this stack says of a relative amplitude: frames times (signal/noise)².
+    /// Weight of a power in this stack for a relative amplitude: frames times (signal/noise)².
     fn weight(&self) -> f64 {
         self.stack.dof * (self.signal / self.white).powi(2)
     }
@@ -267,9 +267,9 @@ fn scatter(amplitudes: &[[f64; 2]]) -> f64 {
     amplitudes.iter().map(|a| (a[0] - m[0]).powi(2) + (a[1] - m[1]).powi(2)).sum()
 }
 
-/// What all frames have beside a wave of random phase: the centre z of the circles, one for each
-/// stack, on which the amplitudes lie, |a|² = 2 a·z + const. by least squares (Kåsa 1976). Each
-/// stack has a weight.
+/// What all frames have in addition to a wave of random phase: the centre z of the circles, one for
+/// each stack, on which the amplitudes lie, |a|² = 2 a·z + const. by least squares (Kåsa 1976).
+/// Each stack has a weight.
 fn centre<'a>(stacks: impl Iterator<Item = (&'a Vec<[f64; 2]>, f64)>) -> [f64; 2] {
     let (mut xx, mut xy, mut yy, mut xr, mut yr) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (amplitudes, weight) in stacks {

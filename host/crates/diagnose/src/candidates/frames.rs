@@ -1,13 +1,13 @@
 //! Noise that a whole frame shares: `frame-offset-noise` and `light-flicker`.
 //!
-//! Both come from the variance V of frame means, DN², beside what the model predicts of it, V':
+//! Both come from the variance V of frame means, DN², and the model's prediction of it, V':
 //!
 //!   offset: σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻², over all stacks;
 //!   light:  σ² = σ₀² + ⟨(V − V')/s²⟩, without unit, over the flats,
 //!
 //! with K the system gain (DN/e⁻), s the signal of a flat above dark (DN), ⟨ ⟩ inverse-variance
 //! means and σ₀ what the model has already. The offset's correlation from one frame to the next is
-//! the likeliest one of a first-order autoregression beside white noise (Kalman's filter).
+//! the likeliest one of a first-order autoregression plus white noise (Kalman's filter).
 
 use super::common::{LN_SIGMA_REACH, present};
 use super::proposal::{Proposal, deviation};
@@ -83,7 +83,7 @@ fn series(e: &Evidence<'_>) -> Vec<Series> {
 
 impl Series {
     /// −2 ln of the likelihood of a stationary drift x_t = r x_(t−1) + √(1 − r²) σ z of a variance
-    /// σ² (e⁻²) beside white noise, about an unknown mean: Kalman's innovations of the series and
+    /// σ² (e⁻²) plus white noise, about an unknown mean: Kalman's innovations of the series and
     /// of a constant, over whose factor the likelihood is integrated (Harvey 1989, section 3.4).
     fn deviance(&self, variance: f64, r: f64) -> f64 {
         let (mut x, mut one, mut p) = (0.0, 0.0, variance);

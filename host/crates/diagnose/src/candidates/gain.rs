@@ -2,11 +2,11 @@
 //! `defective-pixels`.
 //!
 //! The gain map is the response of each pixel over the mean of its channel, without unit; standard
-//! deviations come from the variance V of its pixels or column means beside what the model
+//! deviations come from the variance V of its pixels or column means and what the model
 //! predicts, V', as σ² = σ₀² + V − V' with σ₀ what the model has. Correlated response is a pixel's
-//! share of its neighbours: their covariance is a half (beside, below) and a quarter (diagonally)
-//! of σ². Greens differ by the contrast of every other row and column; defects are the low
-//! outliers of the map.
+//! fraction of its neighbours: their covariance is a half (horizontal, vertical) and a quarter
+//! (diagonal) of σ². Greens differ by the contrast of every other row and column; defects are the
+//! low outliers of the map.
 
 use super::common::{Count, of_excess, present};
 use super::proposal::{Proposal, deviation};
@@ -20,8 +20,8 @@ use camrig_sensor_core::effects::{
 
 /// Where the statistics of this file are taken.
 const GAIN: Place = Place::Map(MapKind::Gain);
-/// Share of the variance of correlated response that neighbours beside, below and diagonally below
-/// have in common: the weights of [`PrnuCorrelated`].
+/// Fraction of the variance of correlated response that horizontal, vertical and diagonal
+/// neighbours have in common: the weights of [`PrnuCorrelated`].
 const SHARED: [f64; 3] = [0.5, 0.5, 0.25];
 /// Deviation, in standard errors, from which the pixels' own spread is changed along with their
 /// correlation. Below it both figures are taken to have one cause, and are pooled.
@@ -90,7 +90,7 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     let rows = e.difference(GAIN, What::EveryOtherRow)?;
     let contrast = rows.value + if first_in_even_column { columns.value } else { -columns.value };
     let d = Estimated { value: contrast, se: libm::hypot(rows.se, columns.se) };
-    // The effect's figure is green beside red less green beside blue.
+    // The effect's parameter is green next to red minus green next to blue.
     let red_in_even_row = (0..2).any(|x| cfa.letter(x, 0) == 'R');
     let sign = if red_in_even_row { 1.0 } else { -1.0 };
     let value = present(e.camera, "green-imbalance", "centre").unwrap_or(0.0) + sign * d.value;

@@ -5,7 +5,7 @@
 //! moves the means of the channels towards each other. With r the correlation of neighbours less
 //! what the model predicts, and s the share of shot noise in the variance v,
 //!
-//!   charge coupling:  r = 2 s c, c the share that goes to each neighbour beside (above) it;
+//!   charge coupling:  r = 2 s c, c the fraction that goes to each horizontal (vertical) neighbour;
 //!   brighter-fatter:  r = 2 a ⟨µ²⟩/v, (v − v')/v = −8 a ⟨µ²⟩/v, a in 1/e⁻, µ signals of pixels,
 //!
 //! both over the flats by weighted slopes through the origin. What a unit of a parameter does to
@@ -47,7 +47,7 @@ fn leaning(e: &Evidence<'_>, lean: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Estima
             Some((k * gets[channel], d))
         })
     });
-    // The derivative of a ratio of ratios. A channel may have no light of its own. Without
+    // The derivative of a ratio of ratios. A channel may have no light. Without
     // a reference flat there are no ratios, and any stack serves.
     let reference = e.design.conditions.get(reference_flat(e.design).unwrap_or(0))?;
     let relative = |c: &Condition, channel: usize| lean(&c.photo_e)[channel] / c.photo_e[channel];
@@ -88,8 +88,8 @@ fn agreeing(noise: Estimated, means: Option<Estimated>) -> Option<Estimated> {
     })
 }
 
-/// `charge-coupling`: correlation of neighbours in flats over the share of shot noise, beside and
-/// above each other. The means of the channels give the mean of both.
+/// `charge-coupling`: correlation of neighbours in flats over the fraction of shot noise,
+/// horizontally and above each other. The means of the channels give the mean of both.
 pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
     let of = |lag: u8| {
         slope(e.flats().filter_map(|(i, c)| {

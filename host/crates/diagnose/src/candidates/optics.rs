@@ -144,7 +144,7 @@ fn propose(e: &Evidence<'_>, kind: &'static str, residual: &Residual) -> Option<
     for other in e.named.iter().filter(|k| **k != kind) {
         columns.extend(self::columns(e, other, residual).into_iter().filter(|c| c.present));
     }
-    // A shading that the channels share takes one parameter; beside it those of single channels
+    // A shading that the channels share takes one parameter; in addition, those of single channels
     // need as many fewer.
     let shared = match kind {
         "colour-shading" => self::columns(e, "relative-illumination", residual),
@@ -468,7 +468,7 @@ fn value(camera: &Camera, kind: &str, key: &str) -> f64 {
 fn with(camera: &Camera, kind: &str, key: &str, value: f64) -> Option<Camera> {
     let mut values = values(camera, kind);
     for (v, p) in values.iter_mut().zip(declared(kind)) {
-        // Crosstalk to the neighbours above and below is taken to be that to those beside.
+        // Crosstalk to vertical neighbours is assumed equal to that to horizontal ones.
         if p.key == key || (kind == "optical-crosstalk" && p.key == "vertical") {
             *v = value as f32;
         }

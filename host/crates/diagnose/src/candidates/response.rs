@@ -2,7 +2,7 @@
 //! `nonlinearity`, `image-lag`, `exposure-offset`.
 //!
 //! From the mean of each channel of each stack, m, and the variance of its pixels over frames, v,
-//! both in DN, beside what the model predicts, m' and v'. ⟨ ⟩ are inverse-variance means, slopes
+//! both in DN, and the model's predictions m' and v'. ⟨ ⟩ are inverse-variance means, slopes
 //! go through the origin, µ is the charge by the light (e⁻) and K the system gain (DN/e⁻).
 //!
 //!   black level:        m − m' of the reference dark stack, DN; its slope over the analog gain;
@@ -172,12 +172,13 @@ fn transfer_factor(e: &Evidence<'_>) -> Option<Estimated> {
     }))
 }
 
-/// The system gain of the model over that of the camera, where it has one of its own.
+/// The system gain of the model over that of the camera, where it has a `system-gain` effect.
 fn present_gain(e: &Evidence<'_>) -> Option<f64> {
     present(e.camera, "system-gain", "ratio")
 }
 
-/// The quantum efficiency of the model over that of the camera, where it has one of its own.
+/// The quantum efficiency of the model over that of the camera, where it has a
+/// `quantum-efficiency` effect.
 fn present_efficiency(e: &Evidence<'_>) -> Option<f64> {
     present(e.camera, "quantum-efficiency", "ratio")
 }

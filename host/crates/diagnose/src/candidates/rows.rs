@@ -1,7 +1,7 @@
 //! Noise that whole rows or columns share: `row-temporal-noise`, `column-temporal-noise`,
 //! `row-correlated-noise`.
 //!
-//! White noise of lines comes from the variance V of row (column) means over frames, DN², beside
+//! White noise of lines comes from the variance V of row (column) means over frames, DN², and
 //! what the model predicts of it, V', in every stack:
 //!
 //!   σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻²,
@@ -84,7 +84,7 @@ pub fn row_correlated(e: &Evidence<'_>) -> Option<Proposal> {
         return None;
     }
     let sigma = libm::exp(ln_sigma);
-    // Where the model has none, the likelihood ratio of the law says more than the variance, most
+    // Where the model has none, the likelihood ratio has more information than the variance, most
     // of which is white.
     let strength = match present {
         0.0 => {
@@ -131,7 +131,7 @@ fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
 }
 
 /// −ln of Whittle's likelihood Π S_k⁻ⁿ exp(−n P_k/S_k) of noise of a variance (e⁻²) whose power
-/// falls as f^−a beside white noise (Whittle 1953; P_k is the mean of n periodograms, S_k what is
+/// falls as f^−a plus white noise (Whittle 1953; P_k is the mean of n periodograms, S_k what is
 /// expected of it).
 fn negative_log_likelihood(spectra: &[RowSpectrum], variance: f64, exponent: f64) -> f64 {
     let Some(first) = spectra.first() else { return f64::INFINITY };

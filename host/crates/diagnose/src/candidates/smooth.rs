@@ -2,7 +2,7 @@
 //!
 //! The block means of the map (without unit) are developed in the products of cosines of i half
 //! waves across and j down of which the effect consists. If the amplitudes a_ij up to an order n
-//! are normal with the variance that σ gives them, s_ij, beside the variance n_ij of pixels, rows
+//! are normal with the variance s_ij due to σ plus the variance n_ij of pixels, rows
 //! and columns, the likeliest σ (without unit) and order minimise
 //!
 //!   Σ_ij ln(n_ij + p_ij s_ij) + a_ij²/(n_ij + p_ij s_ij),

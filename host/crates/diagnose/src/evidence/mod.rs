@@ -1,4 +1,4 @@
-//! What an estimator sees: measured statistics beside those that the present model predicts, the
+//! The input of an estimator: measured statistics and those that the present model predicts, the
 //! moments and maps they come from, and simulated derivatives of the figures of targets.
 
 mod estimated;

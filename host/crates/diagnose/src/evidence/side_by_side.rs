@@ -1,4 +1,4 @@
-//! Measured statistics beside those that the present model predicts.
+//! Measured statistics, and those that the present model predicts.
 
 use super::estimated::Estimated;
 use super::slopes::Slopes;

@@ -45,7 +45,7 @@ pub fn put_optical(camera: &mut Camera, effect: OpticalEffect) {
     }
 }
 
-/// Adds an effect to a camera beside others of its kind.
+/// Adds an effect to a camera, in addition to others of its kind.
 pub fn add(camera: &mut Camera, effect: Effect) {
     let at = camera.effects.partition_point(|e| rank(e) <= rank(&effect));
     camera.effects.insert(at, effect);

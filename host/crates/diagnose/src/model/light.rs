@@ -67,14 +67,14 @@ impl Lights {
 }
 
 /// The light on a target: a scene of radiance has its own; one of reflectances has `LUX` unless
-/// told otherwise.
+/// given otherwise.
 fn light_on(target: &Target) -> SceneLight<'_> {
     let level = target.lux.map(|_| LightLevel::Lux(LUX));
     SceneLight { illuminant: target.illuminant.as_deref(), level }
 }
 
 /// What a user should know of the scenes of targets, their light, and the lens and the tables of a
-/// camera that looks at them, each once.
+/// camera that images them, each once.
 ///
 /// # Errors
 /// Scenes and lenses that cannot be read.
@@ -196,8 +196,8 @@ mod tests {
         camrig_optics::Characterisation::example(17, 0.5).write(&path, false).unwrap();
         let mut camera = Camera::load("mt9t012").unwrap();
         camera.lens.kind = LensKind::Characterised(path);
-        let told = notes(&camera, &[edge(), edge()]).unwrap();
-        let of_lens = told.iter().filter(|note| note.contains("end at 0.500 mm")).count();
-        assert_eq!(of_lens, 1, "{told:?}");
+        let all = notes(&camera, &[edge(), edge()]).unwrap();
+        let of_lens = all.iter().filter(|note| note.contains("end at 0.500 mm")).count();
+        assert_eq!(of_lens, 1, "{all:?}");
     }
 }

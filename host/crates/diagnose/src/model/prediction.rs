@@ -5,17 +5,17 @@ use crate::numerics::tails;
 use crate::statistics::statistic::{Key, Scale, Statistic, Values};
 use std::collections::BTreeMap;
 
-/// Replicates are taken to scatter more than theory says only where their variance passes this
-/// multiple of it: for 15 degrees of freedom the 80 % point of the F distribution.
+/// Replicates count as scattering more than theory predicts only where their variance exceeds this
+/// multiple of it: the 80 % point of the F distribution for 15 degrees of freedom.
 const SCATTER_MARGIN: f64 = 1.3;
-/// The same for the four replicates of a trial, of which it takes gross scatter: the 99.9 % point
-/// of F for 3 degrees of freedom.
+/// The same for the four replicates of a trial, for which only gross scatter counts: the 99.9 %
+/// point of F for 3 degrees of freedom.
 const GROSS_SCATTER: f64 = 5.4;
-/// Standard deviations by which a prediction must move to count as another: below, four pairs of
-/// replicates do not show a difference.
+/// Standard deviations by which a prediction must change to be different: four pairs of replicates
+/// do not resolve less.
 const MOVED_SD: f64 = 3.0;
-/// Increase of a predicted standard deviation that counts as another prediction: more than the 80
-/// % point by which the scatter of few replicates is uncertain.
+/// Ratio of predicted standard deviations from which predictions are different: above the 80 % point
+/// of the uncertainty of a scatter from few replicates.
 const WIDENED: f64 = 1.5;
 /// Variance below which a statistic has no scatter but that of rounding.
 const MIN_VARIANCE: f64 = 1e-24;
@@ -32,7 +32,7 @@ pub struct Predicted {
     pub scaled: f64,
     /// Standard deviation of one measurement on its scale.
     pub sd: f64,
-    /// The part of it that theory gives.
+    /// The standard deviation predicted by theory.
     theory: f64,
     /// Variance over replicates on its scale.
     scatter: f64,
@@ -45,7 +45,7 @@ pub struct Predicted {
 }
 
 impl Predicted {
-    /// Whether neither theory nor replicates give it any scatter.
+    /// Whether it has no scatter, neither in theory nor over replicates.
     fn is_constant(&self) -> bool {
         self.scale != Scale::Count && self.sd * self.sd < MIN_VARIANCE
     }
@@ -61,8 +61,8 @@ impl Predicted {
         tails::count(seen, self.total, self.runs)
     }
 
-    /// Degrees of freedom of a mean of squares: those of its scatter over replicates, and no more
-    /// than theory gives white noise.
+    /// Degrees of freedom of a mean of squares: those of its scatter over replicates, at most those of
+    /// white noise.
     pub fn dof(&self) -> f64 {
         match self.scale {
             Scale::CubeRoot => {
@@ -117,8 +117,8 @@ impl Prediction {
         Self { of }
     }
 
-    /// This prediction moved by what a change of the model does to replicates with the same random
-    /// numbers. Effects that draw random numbers of their own differ by chance in many statistics,
+    /// This prediction plus the difference that a change of the model makes to replicates with the
+    /// same random numbers. Effects that draw more random numbers differ by chance in many statistics,
     /// which together would decide for or against them: such differences are shrunk.
     pub fn moved(&self, before: &[Values], after: &[Values]) -> Self {
         let changed = Self::new(after);
@@ -143,8 +143,8 @@ impl Prediction {
         Self { of }
     }
 
-    /// Statistics that never change in the model, as where all its samples have one code, and that
-    /// were measured to be another value: no standard deviation tells how far off that is.
+    /// Statistics that never change in the model, for example because all its samples have one code,
+    /// and were measured to be different: the deviation cannot be expressed in standard deviations.
     pub fn never_changes(&self, values: &Values) -> Vec<Key> {
         let differs = |(key, s): (&Key, &Statistic)| {
             let p = self.of.get(key)?;
@@ -244,7 +244,7 @@ mod tests {
         let scatter = What::Of(Figure::PatchScatter(1));
         assert!((z(scatter, 0.05) - of(0.05)).abs() < 1e-9);
         assert!((z(scatter, 0.25) - of(0.25)).abs() < 1e-9);
-        // The scatter of a mean is what the model says.
+        // The uncertainty of a mean is the model's.
         assert!(
             (z(What::Of(Figure::PatchMean { patch: 1, channel: 0 }), 0.25) - of(0.05)).abs()
                 < 1e-9

@@ -51,7 +51,11 @@ pub fn simulate(
     let pixels = (camera.sensor.width * camera.sensor.height) as usize;
     let least = min_stacks_per_thread(design, pixels);
     let conditions = design.conditions.par_iter().with_min_len(least);
-    conditions.map(|c| moments(&sensor(camera, &c.stack, seed)?, c, planes)).collect()
+    let simulated = conditions.map(|c| {
+        let config = sensor(camera, &c.stack, seed)?;
+        moments(&config, c, planes)
+    });
+    simulated.collect()
 }
 
 fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<Temporal> {

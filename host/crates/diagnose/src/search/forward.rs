@@ -1,43 +1,46 @@
-//! Forward selection: adds the candidate that makes the frames to fit likeliest, if the held-out
-//! frames agree, until none earns its place.
+//! Forward selection: adds the candidate that makes the frames to fit most likely, if the held-out
+//! frames confirm it, until no candidate is significant.
 
-use super::refit::refit;
-use super::session::{RUNS_ON_THE_WAY, Session, State};
+use super::estimate::{fitted, propose};
+use super::evaluation::{Evaluation, RUNS_ON_THE_WAY};
 use super::trial::{EVIDENCE_IN_ALL, EVIDENCE_TO_FIT, TRIAL_RUNS, Trial, settle, try_out};
 use super::veto;
 use crate::candidates::proposal::{MIN_STRENGTH, Proposal};
+use crate::measured::{Half, Measured};
 use crate::model::prediction::bounded;
 use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::Result;
 
-/// Candidates simulated in a round, at most: the strongest by their estimators, which rank the
-/// right one high; each costs two replicates, and those that are not hopeless two more.
-const TRIALS: usize = 10;
-/// Of these, candidates estimated from targets, at most: their strengths are likelihoods already,
-/// and each takes a run of the optics stage.
-const TARGET_TRIALS: usize = 4;
-/// Replicates of every candidate, from which it is seen whether it is hopeless.
+/// Most candidates simulated in a round: the strongest by their estimators, which rank the right
+/// one high; each costs two replicates, and those that are not hopeless two more.
+const MAX_TRIALS: usize = 10;
+/// Most of these that are estimated from targets: their strengths are likelihoods already, and each
+/// takes a run of the optics stage.
+const MAX_TARGET_TRIALS: usize = 4;
+/// Replicates of every candidate, which show whether it is hopeless.
 const FIRST_RUNS: u64 = TRIAL_RUNS / 2;
-/// A candidate is hopeless that is behind the best by more than this deviance, what earns a place,
-/// has less than this share of its evidence, and does not predict the held-out frames as well. Two
-/// pairs shrink what an effect does to noisy statistics: on an STL-1001E they showed 0.57 of the
-/// evidence for hot pixels that four did.
-const HOPELESS: (f64, f64) = (EVIDENCE_IN_ALL, 0.5);
-/// Candidates whose parameters are settled in a round: those likeliest after their trial.
-const SETTLED: usize = 3;
-/// Effects named, at most. Hidden sets hold up to six; real sensors have shown nine.
+/// A candidate is hopeless if its evidence is less than that of the best by more than this, which
+/// is the significance limit, and less than [`HOPELESS_FRACTION`] of it, and if it predicts the
+/// held-out frames less well.
+const HOPELESS_DEFICIT: f64 = EVIDENCE_IN_ALL;
+/// Two pairs of replicates shrink the change of noisy statistics: on an STL-1001E they showed 0.57
+/// of the evidence for hot pixels that four did.
+const HOPELESS_FRACTION: f64 = 0.5;
+/// Candidates whose parameters are refined in a round: the most likely after their trial.
+const MAX_SETTLED: usize = 3;
+/// Most effects named. Hidden sets contain up to six; real sensors have shown nine.
 const MAX_EFFECTS: usize = 10;
 /// Mean square deviation of a model's replicates from each other, over that of the model at the
-/// start, from which the model explains nothing: replicates that scatter so agree with anything
-/// (`docs/diagnosis.md`).
+/// start, from which the model explains nothing: replicates with so much scatter agree with any
+/// measurement (`docs/diagnosis.md`).
 const DIVERGED: f64 = 3.0;
-/// Deviance within which a rival's is not worse than the winner's: 3² for three standard
+/// Difference in deviance up to which a rival is as good as the winner: 3² for three standard
 /// deviations.
 const RIVAL_MARGIN: f64 = 9.0;
-/// Statistics kept of those that a step moved.
-const MOVED_KEPT: usize = 8;
+/// Most statistics listed among those that a step changed.
+const MAX_MOVED: usize = 8;
 
-/// A statistic of the held-out frames beside the model before and after a step, on its own scale.
+/// A statistic of the held-out frames and the predictions before and after a step, on its scale.
 #[derive(Clone, Debug)]
 pub struct Observed {
     /// Its name.
@@ -46,11 +49,11 @@ pub struct Observed {
     pub measured: f64,
     /// Predicted, before and after.
     pub model: [f64; 2],
-    /// Standard deviation that the model after the step gives it.
+    /// Standard deviation predicted by the model after the step.
     pub sd: f64,
 }
 
-/// One effect that earned its place.
+/// One effect that was added.
 #[derive(Clone)]
 pub struct Step {
     /// The trial that won.
@@ -61,40 +64,51 @@ pub struct Step {
     pub gap_after: f64,
     /// The other trials of the round, best first, one of each kind.
     pub others: Vec<Trial>,
-    /// Statistics whose prediction it moves.
+    /// Statistics whose prediction it changes.
     pub(super) touches: Vec<Key>,
-    /// The statistic whose deviation fell most, wherever it was taken.
+    /// The statistic whose deviation fell most, in all captures.
     pub observed: Vec<Observed>,
-    /// The held-out statistics whose deviation fell most: name, deviation before and after.
-    pub moved: Vec<(Key, f64, f64)>,
+    /// The held-out statistics whose deviation fell most.
+    pub moved: Vec<Moved>,
+}
+
+/// A held-out statistic with its deviations before and after a step, standard deviations.
+#[derive(Clone, Copy, Debug)]
+pub struct Moved {
+    /// Its name.
+    pub key: Key,
+    /// Deviation before the step.
+    pub before: f64,
+    /// Deviation after the step.
+    pub after: f64,
 }
 
 /// Effects that were selected, and the model with them.
 pub struct Selection {
     /// The model.
-    pub state: State,
+    pub model: Evaluation,
     /// Effects in the order in which they were found.
     pub steps: Vec<Step>,
-    /// Kinds that the captures cannot tell apart: one that was taken, and its rival.
+    /// Kinds that the captures cannot distinguish: one that was added, and its rival.
     pub confounded: Vec<(String, String)>,
 }
 
-/// Takes the best candidate of each round until none earns its place. `wanted` tells whether a
-/// kind may be taken beside so many names; `say` hears what is being tried.
+/// Adds the best candidate of each round until none is significant. `wanted` is whether a kind may
+/// be added to so many named ones; `trying` receives what is being tried.
 pub(super) fn select(
-    session: &Session,
-    before: &State,
+    measured: &Measured,
+    before: &Evaluation,
     wanted: &dyn Fn(&str, usize) -> bool,
-    say: &(dyn Fn(&str) + Sync),
+    trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Selection> {
     let mut selection =
-        Selection { state: before.clone(), steps: Vec::new(), confounded: Vec::new() };
+        Selection { model: before.clone(), steps: Vec::new(), confounded: Vec::new() };
     while selection.steps.len() < MAX_EFFECTS {
+        let model = &selection.model;
         let wanted = |kind: &str| wanted(kind, selection.steps.len());
-        let trials = trials(session, &selection.state, &wanted, say)?;
-        let settled = settled(session, &selection.state, &trials)?;
-        let Some((best, next)) = first_that_holds(session, before, &selection.state, &settled)?
-        else {
+        let trials = trials(measured, model, &wanted, trying)?;
+        let settled = settled(measured, model, &trials)?;
+        let Some((best, next)) = first_that_holds(measured, before, model, &settled)? else {
             break;
         };
         let others = others(&best, settled, trials);
@@ -102,83 +116,81 @@ pub(super) fn select(
             let names = [&best, rival].map(|t| t.proposal.kind.to_string());
             selection.confounded.push(names.into());
         }
-        selection.steps.push(step(session, &selection.state, &next, best, others));
-        selection.state = next;
+        selection.steps.push(step(&measured.holdout, model, &next, best, others));
+        selection.model = next;
     }
     Ok(selection)
 }
 
-/// The candidates of a round, simulated, the likeliest first: all of them briefly, those that are
-/// not hopeless then in full, a sequential design (Wald 1945). What is hopeless is left out.
+/// The candidates of a round, simulated, the most likely first: all of them by few replicates, then
+/// those that are not hopeless by all, a sequential design (Wald 1945). The hopeless are left out.
 fn trials(
-    session: &Session,
-    state: &State,
+    measured: &Measured,
+    model: &Evaluation,
     wanted: &dyn Fn(&str) -> bool,
-    say: &(dyn Fn(&str) + Sync),
+    trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Vec<Trial>> {
-    let mut proposals = session.propose(session.fit.frames(), state.model(), wanted, MIN_STRENGTH);
+    let mut proposals = propose(&measured.fit, model.model(), wanted, MIN_STRENGTH);
     prune(&mut proposals);
-    let (behind, share) = HOPELESS;
     let mut brief = Vec::new();
     for p in &proposals {
-        say(p.kind);
-        brief.push(try_out(session, state, p, FIRST_RUNS)?.0);
+        trying(p.kind);
+        brief.push(try_out(measured, model, p, FIRST_RUNS)?.0);
     }
     let ahead = brief.iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence));
     let Some((most, gap)) = ahead.map(|t| (t.evidence, t.gap)) else { return Ok(brief) };
     let mut trials = Vec::new();
-    let least = (most - behind).min(most * share);
+    let least = (most - HOPELESS_DEFICIT).min(most * HOPELESS_FRACTION);
     for t in brief.iter().filter(|t| t.evidence > least || t.gap <= gap) {
-        trials.push(try_out(session, state, &t.proposal, TRIAL_RUNS)?.0);
+        trials.push(try_out(measured, model, &t.proposal, TRIAL_RUNS)?.0);
     }
     trials.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     Ok(trials)
 }
 
-/// Keeps the strongest proposals, and of those that targets gave no more than [`TARGET_TRIALS`].
+/// Keeps the strongest proposals, and of those that targets gave no more than
+/// [`MAX_TARGET_TRIALS`].
 fn prune(proposals: &mut Vec<Proposal>) {
     let mut kept = 0;
     proposals.retain(|p| {
         kept += usize::from(p.of_targets);
-        !p.of_targets || kept <= TARGET_TRIALS
+        !p.of_targets || kept <= MAX_TARGET_TRIALS
     });
-    proposals.truncate(TRIALS);
+    proposals.truncate(MAX_TRIALS);
 }
 
-/// The likeliest trials with their parameters settled, the likeliest first.
-fn settled(session: &Session, state: &State, trials: &[Trial]) -> Result<Vec<Trial>> {
+/// The most likely trials with refined parameters, the most likely first.
+fn settled(measured: &Measured, model: &Evaluation, trials: &[Trial]) -> Result<Vec<Trial>> {
     let mut settled = Vec::new();
-    for trial in trials.iter().filter(|t| t.evidence > 0.0).take(SETTLED) {
-        settled.push(settle(session, state, &trial.proposal)?);
+    for trial in trials.iter().filter(|t| t.evidence > 0.0).take(MAX_SETTLED) {
+        settled.push(settle(measured, model, &trial.proposal)?);
     }
     settled.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     Ok(settled)
 }
 
-/// The first of the settled trials that earns its place with a model that does not diverge and
-/// that no statistic contradicts, and the model with it.
+/// The first of the refined trials that is significant, with a model that does not diverge and that
+/// no statistic contradicts, and the model with it.
 fn first_that_holds(
-    session: &Session,
-    before: &State,
-    state: &State,
+    measured: &Measured,
+    before: &Evaluation,
+    model: &Evaluation,
     settled: &[Trial],
-) -> Result<Option<(Trial, State)>> {
-    let gap = session.gap(state);
-    for trial in settled.iter().filter(|t| t.earns_place(gap)) {
-        let mut named = state.named.clone();
+) -> Result<Option<(Trial, Evaluation)>> {
+    for trial in settled.iter().filter(|t| t.is_significant(model.gap)) {
+        let mut named = model.named.clone();
         trial.proposal.clone().join(&mut named);
-        let camera = trial.proposal.applied(&state.camera);
-        let next = session.state(camera, named, RUNS_ON_THE_WAY)?;
-        let next = refit(session, next)?;
-        let holds = !veto::contradicts(session, state, &next);
-        if next.norm.0 < DIVERGED * before.norm.0 && holds {
+        let camera = trial.proposal.applied(&model.camera);
+        let next = fitted(measured, camera, named, RUNS_ON_THE_WAY)?;
+        let holds = !veto::contradicts(measured, model, &next);
+        if next.norm.mean < DIVERGED * before.norm.mean && holds {
             return Ok(Some((trial.clone(), next)));
         }
     }
     Ok(None)
 }
 
-/// All trials of a round but the winner's kind, the first of each kind.
+/// All trials of a round except of the winner's kind, the first of each kind.
 fn others(best: &Trial, settled: Vec<Trial>, trials: Vec<Trial>) -> Vec<Trial> {
     let mut others: Vec<Trial> = settled.into_iter().chain(trials).collect();
     let mut seen = vec![best.proposal.kind];
@@ -190,53 +202,57 @@ fn others(best: &Trial, settled: Vec<Trial>, trials: Vec<Trial>) -> Vec<Trial> {
     others
 }
 
-/// Whether the captures cannot tell a second candidate from the best. One that predicts the
-/// held-out frames as well loses only by what its random pattern might have been.
+/// Whether the captures cannot distinguish a second candidate from the best. One that predicts the
+/// held-out frames as well is worse only by chance in its random pattern.
 fn is_rival(best: &Trial, second: &Trial) -> bool {
     (best.evidence - second.evidence < RIVAL_MARGIN || second.gap <= best.gap)
         && second.evidence > EVIDENCE_TO_FIT
 }
 
-/// What a step did.
+/// A step with the changes that it made.
 fn step(
-    session: &Session,
-    before: &State,
-    after: &State,
+    held_out: &Half,
+    before: &Evaluation,
+    after: &Evaluation,
     trial: Trial,
     others: Vec<Trial>,
 ) -> Step {
-    let moved = moved(session, before, after);
+    let moved = moved(before, after);
     Step {
-        observed: observed(session, moved.first().map(|m| m.0), before, after),
+        observed: observed(held_out, moved.first().map(|m| m.key), before, after),
         moved,
         touches: touched(before, after),
-        gap_before: session.gap(before),
-        gap_after: session.gap(after),
+        gap_before: before.gap,
+        gap_after: after.gap,
         trial,
         others,
     }
 }
 
-/// Statistics whose prediction is another one after a step.
-fn touched(before: &State, after: &State) -> Vec<Key> {
+/// Statistics whose prediction changes in a step.
+fn touched(before: &Evaluation, after: &Evaluation) -> Vec<Key> {
     let moved = |k: &Key| Some(after.fit.of.get(k)?.differs(before.fit.of.get(k)?));
     before.fit.of.keys().filter(|k| moved(k) == Some(true)).copied().collect()
 }
 
 /// The held-out statistics whose deviation fell most.
-fn moved(session: &Session, before: &State, after: &State) -> Vec<(Key, f64, f64)> {
-    let old = session.holdout.deviations(&before.holdout);
-    let new = session.holdout.deviations(&after.holdout);
-    let mut out: Vec<(Key, f64, f64)> =
-        old.iter().filter_map(|(k, z)| Some((*k, *z, *new.get(k)?))).collect();
-    let fall = |m: &(Key, f64, f64)| bounded(m.1) - bounded(m.2);
+fn moved(before: &Evaluation, after: &Evaluation) -> Vec<Moved> {
+    let [old, new] = [&before.deviations[1], &after.deviations[1]];
+    let moved = |(k, z): (&Key, &f64)| Some(Moved { key: *k, before: *z, after: *new.get(k)? });
+    let mut out: Vec<Moved> = old.iter().filter_map(moved).collect();
+    let fall = |m: &Moved| bounded(m.before) - bounded(m.after);
     out.sort_by(|a, b| fall(b).total_cmp(&fall(a)));
-    out.truncate(MOVED_KEPT);
+    out.truncate(MAX_MOVED);
     out
 }
 
 /// The statistic of `key` in all places like its own, before and after a step.
-fn observed(session: &Session, key: Option<Key>, before: &State, after: &State) -> Vec<Observed> {
+fn observed(
+    held_out: &Half,
+    key: Option<Key>,
+    before: &Evaluation,
+    after: &Evaluation,
+) -> Vec<Observed> {
     let Some((place, what)) = key else { return Vec::new() };
     let alike = |p: &Place, w: &What| match (place, what, w) {
         // Figures of one sort of the same target.
@@ -246,8 +262,7 @@ fn observed(session: &Session, key: Option<Key>, before: &State, after: &State) 
         (Place::Stack(_), ..) => *w == what && matches!(p, Place::Stack(_)),
         _ => *w == what && *p == place,
     };
-    session
-        .holdout
+    held_out
         .values
         .iter()
         .filter(|((p, w), _)| alike(p, w))

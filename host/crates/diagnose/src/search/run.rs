@@ -2,59 +2,58 @@
 //! taken early may have displaced better ones; then the parameters with their standard errors.
 
 use super::backward::{self, FEW_EFFECTS, REESTIMATED_EFFECTS};
+use super::estimate::fitted;
+use super::evaluation::{Evaluation, RUNS, RUNS_ON_THE_WAY};
 use super::forward::{self, Step};
-use super::refit::refit;
-use super::session::{RUNS, RUNS_ON_THE_WAY, Session, State};
 use super::standard_errors::settle_parameters;
 use super::trial::Trial;
 use crate::candidates::proposal::with_all;
 use crate::finding::Finding;
+use crate::measured::Measured;
 use camrig_base::Result;
 use camrig_camera::Camera;
 
-/// Share of the winner's evidence from which a rival of its round may explain more beside effects
-/// that had not yet been taken.
+/// Fraction of the winner's evidence from which a rival of its round may explain more together with
+/// effects that were added later.
 const CLOSE_RIVAL: f64 = 0.5;
 
 /// What the search found.
 #[derive(Clone)]
 pub struct Outcome {
     /// The model at the start.
-    pub before: State,
-    /// The model at the end. What it predicts is of the parameters that the frames to fit gave;
-    /// those of its effects are the final ones, of all frames.
-    pub after: State,
+    pub before: Evaluation,
+    /// The model at the end. Its predictions were made with the parameters estimated from the
+    /// frames to fit; the parameters of its effects are the final ones, from all frames.
+    pub after: Evaluation,
     /// Effects in the order in which they were found.
     pub steps: Vec<Step>,
-    /// Held-out gap at the start and at the end.
-    pub gaps: (f64, f64),
     /// Kinds that came nearest where none explains enough.
     pub nearest: Vec<String>,
-    /// Kinds that the captures cannot tell apart: one that was named, and its rival.
+    /// Kinds that the captures cannot distinguish: one that was named, and its rival.
     pub confounded: Vec<(String, String)>,
-    /// The kind that was named at first, where the search that begins without it explains more.
+    /// The kind that was named first, where a search that begins without it explains more.
     pub superseded: Option<String>,
-    /// What no effect of the catalogue describes: taken out of what was measured before the names
-    /// were given, and run by the model at the end.
+    /// What no effect of the catalogue describes: subtracted from what was measured before the
+    /// search, and simulated by the model at the end.
     pub shapes: Vec<Finding>,
     /// Held-out gap of the model at the start with those alone; NaN where there are none.
     pub gap_with_shapes: f64,
 }
 
 /// Searches for the effects that the camera lacks. `without` names kinds left out of the
-/// catalogue; `say` hears what is being tried.
+/// catalogue; `trying` receives what is being tried.
 ///
 /// # Errors
 /// A model that cannot be simulated.
 pub fn run(
-    session: &Session,
+    measured: &Measured,
     camera: &Camera,
     without: &[String],
-    say: &(dyn Fn(&str) + Sync),
+    trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
-    say("replicates of the model");
-    let before = session.state(camera.clone(), Vec::new(), RUNS)?;
-    run_from(session, before, without, say)
+    trying("replicates of the model");
+    let before = Evaluation::new(measured, camera.clone(), Vec::new(), RUNS)?;
+    run_from(measured, before, without, trying)
 }
 
 /// The same from a model that was simulated before.
@@ -62,39 +61,39 @@ pub fn run(
 /// # Errors
 /// Those of [`run`].
 pub fn run_from(
-    session: &Session,
-    before: State,
+    measured: &Measured,
+    before: Evaluation,
     without: &[String],
-    say: &(dyn Fn(&str) + Sync),
+    trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
-    // What a camera did to its frames is no effect of its sensor.
-    let known = |kind: &str| !session.processed && !without.iter().any(|w| w == kind);
-    let search = |wanted: &dyn Fn(&str, usize) -> bool| once(session, &before, wanted, say);
+    // Processing by a camera is not an effect of its sensor.
+    let known = |kind: &str| !measured.processed && !without.iter().any(|w| w == kind);
+    let search = |wanted: &dyn Fn(&str, usize) -> bool| once(measured, &before, wanted, trying);
     let mut found = search(&|kind, _| known(kind))?;
-    // An effect taken early may have stood for two that are better together: the search with it as
-    // a later one only.
-    if let Some((dominated, at)) = dominated(session, &before.camera, &found)? {
+    // An effect added early may approximate two that are better together: the search with it as a
+    // later one only.
+    if let Some((dominated, at)) = dominated(measured, &before.camera, &found)? {
         let other = search(&|kind, names| known(kind) && (kind != dominated || names > at))?;
-        if session.deviance(&other.after) < session.deviance(&found.after) {
+        if other.after.deviance() < found.after.deviance() {
             found = Outcome { superseded: Some(dominated), ..other };
         }
     }
-    // One effect may take at once what two others explain better together, or what it explains
-    // only beside another: the search without it, and with it as a later one only.
-    if found.steps.len() <= FEW_EFFECTS && !session.accepts(&found.after, found.gaps.1) {
+    // An effect may explain at once what two others explain better together, or what it explains
+    // only together with another: the search without it, and with it as a later one only.
+    if found.steps.len() <= FEW_EFFECTS && !found.after.passes() {
         let named = found.steps.iter().map(|s| s.trial.proposal.kind.to_string());
         let doubtful: Vec<String> = named.chain(found.nearest.iter().cloned()).collect();
         let ways = |kind: String| [(kind.clone(), usize::MAX), (kind, 1)];
         for (kind, from) in doubtful.into_iter().take(FEW_EFFECTS).flat_map(ways) {
             let other = search(&|k, names| known(k) && (k != kind || names >= from))?;
-            if !other.steps.is_empty() && session.accepts(&other.after, other.gaps.1) {
+            if !other.steps.is_empty() && other.after.passes() {
                 found = Outcome { superseded: Some(kind), ..other };
                 break;
             }
         }
     }
-    say("standard errors");
-    settle_parameters(session, &mut found.after)?;
+    trying("standard errors");
+    found.after = settle_parameters(measured, found.after)?;
     for step in &mut found.steps {
         let kind = step.trial.proposal.kind;
         if let Some(p) = found.after.named.iter().find(|p| p.kind == kind) {
@@ -104,20 +103,19 @@ pub fn run_from(
     Ok(found)
 }
 
-/// Forward selection and backward elimination, once. `wanted` tells whether a kind may be taken
-/// beside so many names.
+/// Forward selection and backward elimination, once. `wanted` is whether a kind may be added to so
+/// many named ones.
 fn once(
-    session: &Session,
-    before: &State,
+    measured: &Measured,
+    before: &Evaluation,
     wanted: &dyn Fn(&str, usize) -> bool,
-    say: &(dyn Fn(&str) + Sync),
+    trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
-    let selection = forward::select(session, before, wanted, say)?;
-    let left = backward::eliminate(session, before, selection)?;
+    let selection = forward::select(measured, before, wanted, trying)?;
+    let left = backward::eliminate(measured, before, selection)?;
     Ok(Outcome {
-        gaps: (session.gap(before), session.gap(&left.state)),
         before: before.clone(),
-        after: left.state,
+        after: left.model,
         steps: left.steps,
         nearest: left.nearest,
         confounded: left.confounded,
@@ -127,10 +125,10 @@ fn once(
     })
 }
 
-/// An effect that is dominated by a close rival of its round: in its place, beside those taken
-/// later, the rival explains more. Also how many effects were taken before it.
+/// An effect that is dominated by a close rival of its round: instead of it, together with those
+/// added later, the rival explains more. Also how many effects were added before it.
 fn dominated(
-    session: &Session,
+    measured: &Measured,
     camera: &Camera,
     found: &Outcome,
 ) -> Result<Option<(String, usize)>> {
@@ -150,10 +148,10 @@ fn dominated(
         named.retain(|p| p.kind != own);
         rival.proposal.clone().join(&mut named);
         let with_rival = with_all(camera, &named);
-        // Both by as many replicates: more of them make every deviation larger.
-        let other = refit(session, session.state(with_rival, named, RUNS_ON_THE_WAY)?)?;
-        let own_model = found.after.by(session, RUNS_ON_THE_WAY)?;
-        if session.deviance(&other) < session.deviance(&own_model) {
+        // Both with as many replicates: more of them make every deviation larger.
+        let other = fitted(measured, with_rival, named, RUNS_ON_THE_WAY)?;
+        let own_model = found.after.by(measured, RUNS_ON_THE_WAY)?;
+        if other.deviance() < own_model.deviance() {
             return Ok(Some((own.to_string(), at)));
         }
     }

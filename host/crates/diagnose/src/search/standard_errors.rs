@@ -1,18 +1,19 @@
 //! The final parameters of dark and flat frames, with their standard errors, by simulation.
 //!
-//! The final model makes replicates of both halves, and the estimators that gave the parameters
-//! are put to each as if it had been measured: the scatter of what they give is the standard error
-//! (parametric bootstrap, Efron & Tibshirani 1993, chapter 6), whatever the effect does to the
-//! scatter of the statistics it is read from. Measurement and prediction scatter independently,
+//! Replicates of both halves are simulated by the final model, and the estimators of the parameters
+//! are applied to each as if it had been measured: the scatter of the estimates is the standard
+//! error (parametric bootstrap, Efron & Tibshirani 1993, chapter 6), whatever the effect does to
+//! the scatter of the statistics it is read from. Measurement and prediction scatter independently,
 //! hence a factor √(1 + 1/replicates), and √(1 + 2/replicates) for the mean of both halves. A
 //! scatter from few replicates is itself uncertain: the standard error given is half the width of
-//! the 90 % interval of Student's t over 1.645. Effects estimated from targets have standard
-//! errors by least squares.
+//! the 90 % interval of Student's t over 1.645. Effects estimated from targets have standard errors
+//! by least squares.
 
-use super::chance::{FIRST_SEED, estimate_replicate};
-use super::refit::without_added;
-use super::session::{Half, Model, RUNS, Session, State};
+use super::chance::FIRST_SEED;
+use super::estimate::{propose, propose_from_replicate, without_added};
+use super::evaluation::{Evaluation, Model, RUNS};
 use crate::candidates::proposal::{Proposal, with_all};
+use crate::measured::{Half, Measured};
 use crate::model::prediction::Prediction;
 use crate::numerics::tails;
 use camrig_base::Result;
@@ -22,48 +23,47 @@ use rayon::prelude::*;
 /// Replicates of both halves that are estimated from: their scatter is known to 27 %, which
 /// Student's t takes into account.
 const ERROR_RUNS: u64 = 8;
-/// Estimates without which there is no standard error: half of the replicates must show the
-/// effect.
+/// Fewest estimates for a standard error: half of the replicates must show the effect.
 const MIN_ESTIMATES: usize = ERROR_RUNS as usize / 2;
 /// Standard errors of one half by which the halves' estimates may differ and be averaged: five of
 /// their difference, which is √2 wider.
-const MAX_APART: f64 = 5.0 * std::f64::consts::SQRT_2;
-/// Relative difference up to which values without a standard error, as frequencies, are the same.
-/// Chosen: rounding is far smaller, and aliases of a frequency are far further apart.
+const MAX_DIFFERENCE: f64 = 5.0 * std::f64::consts::SQRT_2;
+/// Relative difference up to which values without a standard error, such as frequencies, are the
+/// same. Chosen: rounding is far smaller, and aliases of a frequency are far further apart.
 const SAME_VALUE: f64 = 0.01;
-/// Standard deviations from the middle to the end of the 90 % interval of a normal law.
+/// Half width of the 90 % interval of a normal distribution, standard deviations.
 const Z_90: f64 = 1.645;
 
-/// Gives the effects of dark and flat frames their final parameters, with standard errors. Where
-/// the halves are alike, each parameter becomes the mean of what both give; the model was judged
-/// with those of the frames to fit alone.
-pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<()> {
-    if state.named.iter().all(|p| p.of_targets) {
-        return Ok(());
+/// The model with the final parameters of its effects of dark and flat frames, with standard
+/// errors. Where the halves are alike, each parameter is the mean of the estimates from both; the
+/// model was judged with those from the frames to fit alone.
+pub(super) fn settle_parameters(measured: &Measured, mut model: Evaluation) -> Result<Evaluation> {
+    if model.named.iter().all(|p| p.of_targets) {
+        return Ok(model);
     }
-    let State { camera, fit, holdout, named, .. } = &*state;
+    let Evaluation { camera, fit, holdout, named, .. } = &model;
     let wanted = |kind: &str| named.iter().any(|p| p.kind == kind && !p.of_targets);
-    let mut halves = vec![(&session.fit, fit)];
-    if session.can_confirm && session.halves_are_alike(camera) {
-        halves.push((&session.holdout, holdout));
+    let mut halves = vec![(&measured.fit, fit)];
+    if measured.can_confirm && measured.halves_are_alike(camera) {
+        halves.push((&measured.holdout, holdout));
     }
     let of_second = halves.get(1).map_or_else(Vec::new, |&(half, prediction)| {
         let model = Model { camera, prediction, named };
-        session.propose(half.frames(), model, &wanted, f64::NEG_INFINITY)
+        propose(half, model, &wanted, f64::NEG_INFINITY)
     });
-    // What each half gives, of each replicate of the sensor.
+    // Estimates from each half of each replicate of the sensor.
     let anew: Vec<Vec<Vec<Proposal>>> = (FIRST_SEED..FIRST_SEED + ERROR_RUNS)
         .into_par_iter()
         .map(|seed| {
             let of = |&(half, prediction): &(&Half, &Prediction)| {
                 let model = Model { camera, prediction, named };
-                estimate_replicate(session, half, model, &wanted, seed)
+                propose_from_replicate(half, model, &wanted, seed)
             };
             halves.iter().map(of).collect()
         })
         .collect::<Result<_>>()?;
     let kinds: Vec<&str> = named.iter().map(|p| p.kind).collect();
-    for named in state.named.iter_mut().filter(|p| !p.of_targets) {
+    for named in model.named.iter_mut().filter(|p| !p.of_targets) {
         let alike = |p: &&Proposal| p.kind == named.kind && p.has_parameters_of(named);
         let first: Vec<Vec<f64>> =
             anew.iter().filter_map(|h| h[0].iter().find(alike)).map(values).collect();
@@ -74,8 +74,7 @@ pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<
             .map(Iterator::collect)
             .collect();
         let second = of_second.iter().find(alike).cloned();
-        // The prediction, of RUNS replicates, scatters too; of halves that are alike it is the
-        // same.
+        // The prediction from RUNS replicates has an error too, which alike halves share.
         set_errors(named, &first, 1.0 / RUNS as f64);
         let alone = kinds.iter().filter(|k| **k == named.kind).count() == 1;
         if let Some(mean) = second.filter(|_| alone).and_then(|s| mean_of_halves(named, &s))
@@ -85,8 +84,8 @@ pub(super) fn settle_parameters(session: &Session, state: &mut State) -> Result<
             set_errors(named, &both, 2.0 / RUNS as f64);
         }
     }
-    state.camera = with_all(&without_added(state), &state.named);
-    Ok(())
+    model.camera = with_all(&without_added(&model), &model.named);
+    Ok(model)
 }
 
 /// The values of a proposal's parameters.
@@ -94,8 +93,8 @@ fn values(p: &Proposal) -> Vec<f64> {
     p.parameters.iter().map(|p| p.1.value).collect()
 }
 
-/// Sets standard errors from the scatter of estimates, whose variance is increased by the share
-/// `more`.
+/// Sets standard errors from the scatter of estimates, with their variance increased by the
+/// fraction `more`.
 fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
     if estimates.len() < MIN_ESTIMATES {
         return;
@@ -113,11 +112,12 @@ fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
     }
 }
 
-/// The mean of two estimates of an effect, if they are of the same one: a frequency may be an
-/// alias, a direction a turn away.
+/// The mean of two estimates of an effect, if they agree: a frequency may be an alias, a direction
+/// differ by a turn.
 fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
     let agree = std::iter::zip(&a.parameters, &b.parameters).all(|((_, a), (_, b))| {
-        let known = if a.se.is_finite() { MAX_APART * a.se } else { SAME_VALUE * a.value.abs() };
+        let known =
+            if a.se.is_finite() { MAX_DIFFERENCE * a.se } else { SAME_VALUE * a.value.abs() };
         (a.value - b.value).abs() <= known
     });
     if !agree {
@@ -155,7 +155,7 @@ mod tests {
         let mean = mean_of_halves(&wave(1.0, 0.25), &wave(1.2, 0.2501)).unwrap();
         assert!((mean.parameters[0].1.value - 1.1).abs() < 1e-12);
         assert!((mean.effects[0].values()[0] - 1.1).abs() < 1e-6);
-        // Another wave, or one by far too strong to be the same.
+        // Another wave, or one far too strong to be the same.
         assert!(mean_of_halves(&wave(1.0, 0.25), &wave(1.0, 0.45)).is_none());
         assert!(mean_of_halves(&wave(1.0, 0.25), &wave(2.0, 0.25)).is_none());
     }
@@ -171,7 +171,7 @@ mod tests {
         let expected = (16.0 / 15.0 * 0.01 * 1.5f64).sqrt() * 1.753 / 1.645;
         assert!((named.parameters[0].1.se / expected - 1.0).abs() < 1e-3);
         assert!(named.parameters[1].1.se.is_nan());
-        // Too few estimates say nothing.
+        // Too few estimates change nothing.
         let before = named.parameters[0].1.se;
         set_errors(&mut named, &estimates[..MIN_ESTIMATES - 1], 3.0);
         assert_eq!(named.parameters[0].1.se, before);

@@ -1,41 +1,42 @@
-//! An effect that adds noise, and adds it where there is none, is not the one that is missing:
-//! what it closes elsewhere does not outweigh that.
+//! An effect that adds noise where none was measured is not the one that is missing, however much
+//! it improves elsewhere.
 //!
-//! A deviance hardly shows it: on the scale on which a mean of few squares is nearly normal,
-//! nothing at all is two to four standard deviations below any expectation, of two to five frames.
-//! The law of so small a mean tells.
+//! The deviance hardly shows this: on the scale on which a mean of few squares is nearly normal,
+//! zero is only two to four standard deviations below any expectation for two to five frames. The
+//! exact distribution of such a mean does.
 
-use super::session::{Session, State};
+use super::evaluation::Evaluation;
+use crate::measured::Measured;
 use crate::model::prediction::Predicted;
 use crate::numerics::tails;
 use crate::statistics::statistic::{Key, Place, Scale, Statistic, What};
 
-/// Normal deviate below which too little was measured: chance gives one in thirty thousand.
+/// Normal deviate below which too little was measured: one in thirty thousand by chance.
 const CONTRADICTED: f64 = -4.0;
-/// The same, above which a statistic was as expected before.
+/// Normal deviate above which a statistic was as expected before.
 const AS_EXPECTED: f64 = -2.0;
-/// Share of what an effect adds that must be there.
+/// Fraction of what an effect adds that must have been measured.
 const MIN_SHARE: f64 = 0.5;
 
-/// Noise that random effects only raise: that which frames, rows or columns share beside that of
-/// pixels, and how many pixels are noisier than others.
+/// Noise that random effects can only increase: that common to frames, rows or columns relative to
+/// that of pixels, and the number of noisy pixels.
 const ONLY_RISE: [What; 4] =
     [What::FrameVariance, What::RowVariance, What::ColumnVariance, What::NoisyPixels];
 
-/// Whether noise contradicts what was added to a model: by it the model has far more in some stack,
-/// or in several together, than was measured there, and had not before.
-pub(super) fn contradicts(session: &Session, before: &State, after: &State) -> bool {
+/// Whether noise contradicts what was added to a model: with it the model has far more than was
+/// measured in some stack, or in several together, and did not before.
+pub(super) fn contradicts(measured: &Measured, before: &Evaluation, after: &Evaluation) -> bool {
     ONLY_RISE.iter().any(|&what| {
-        let stacks = (0..session.fit.design.conditions.len()).map(Place::Stack);
+        let stacks = (0..measured.fit.design.conditions.len()).map(Place::Stack);
         let short: Vec<Short> =
-            stacks.filter_map(|place| Short::of(session, before, after, (place, what))).collect();
+            stacks.filter_map(|place| Short::of(measured, before, after, (place, what))).collect();
         let all = short.iter().copied().reduce(Short::with);
         short.into_iter().chain(all).any(Short::contradicts)
     })
 }
 
-/// How far below two models a statistic is that has less than half of what the second adds: sums of
-/// normal deviates, and their number.
+/// How far a statistic is below two models if it has less than half of what the second adds: sums
+/// of normal deviates, and their number.
 #[derive(Clone, Copy)]
 struct Short {
     before: f64,
@@ -44,14 +45,14 @@ struct Short {
 }
 
 impl Short {
-    /// Of a statistic in the halves that have such a stack; `None` where one has what was added.
-    fn of(session: &Session, before: &State, after: &State, key: Key) -> Option<Self> {
+    /// Of a statistic in the halves that have such a stack; `None` where one shows what was added.
+    fn of(measured: &Measured, before: &Evaluation, after: &Evaluation, key: Key) -> Option<Self> {
         let halves = [
-            (&session.fit, &before.fit, &after.fit),
-            (&session.holdout, &before.holdout, &after.holdout),
+            (&measured.fit, &before.fit, &after.fit),
+            (&measured.holdout, &before.holdout, &after.holdout),
         ];
         let mut sum: Option<Self> = None;
-        let keys = [Some(key), session.held_out(key).filter(|_| session.can_confirm)];
+        let keys = [Some(key), measured.held_out(key).filter(|_| measured.can_confirm)];
         for ((half, before, after), key) in halves.iter().zip(keys) {
             let Some(key) = key else { continue };
             let (s, b, a) = (half.values.get(&key)?, before.of.get(&key)?, after.of.get(&key)?);
@@ -79,7 +80,7 @@ impl Short {
     }
 }
 
-/// Normal deviate of a measurement: far below 0 where a model hardly ever has so little.
+/// Normal deviate of a measurement: far below 0 where it is improbably small for a model.
 fn too_little(measured: &Statistic, model: &Predicted) -> f64 {
     if model.scale == Scale::Count {
         return model.count(measured.value);

@@ -1,9 +1,9 @@
-//! Effects that the captures cannot tell apart, and the captures that would.
+//! Effects that the captures cannot distinguish, and captures that would.
 
 use crate::candidates;
-use crate::search::run::Outcome;
+use crate::search::Outcome;
 
-/// The captures that tell two kinds apart, in words.
+/// The captures that distinguish two kinds, in words.
 pub(super) fn tie_breaker(a: &str, b: &str) -> &'static str {
     let is = |x: &str, y: &str| (a == x && b == y) || (a == y && b == x);
     let any = |x: &str| a == x || b == x;
@@ -47,7 +47,7 @@ pub(super) fn tie_breaker(a: &str, b: &str) -> &'static str {
     }
 }
 
-/// Name of the built-in plan with the captures that would tell more.
+/// Name of the built-in plan with captures that would distinguish them.
 pub fn next_plan(outcome: &Outcome) -> &'static str {
     let of_targets = |kind: &String| candidates::shown_by_targets(kind);
     match outcome.confounded.iter().any(|(a, b)| of_targets(a) || of_targets(b)) {

@@ -4,15 +4,15 @@ use super::ambiguity::tie_breaker;
 use super::describe::describe;
 use super::measures::measures;
 use super::words;
-use crate::candidates::proposal::Proposal;
-use crate::finding::Form;
+use crate::evidence::Estimated;
+use crate::finding::Finding;
+use crate::measured::Measured;
 use crate::report::{
-    Ambiguity, Compared, Comparison, FORMAT, Parameter, Report, RunnerUp, Status, Step,
-    Unexplained, Verdict,
+    Ambiguity, Compared, Comparison, EMPIRICAL, FORMAT, Form, Parameter, Report, RunnerUp, Status,
+    Step, Unexplained, Verdict,
 };
-use crate::search::forward;
-use crate::search::run::Outcome;
-use crate::search::session::{Session, State};
+use crate::search::forward::{self, Moved};
+use crate::search::{Evaluation, Outcome};
 use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::numbers::counted;
 use camrig_clean::Kind;
@@ -20,68 +20,70 @@ use std::collections::BTreeMap;
 
 /// Other candidates of a step that are reported, at most.
 const RUNNERS_UP: usize = 5;
-/// The kind whose amount depends on the temperature as much as on itself.
+/// The kind whose amount cannot be distinguished from a temperature.
 const DARK_CURRENT: &str = "dark-current";
 /// Unexplained statistics that are reported, at most.
 const UNEXPLAINED: usize = 12;
 
 /// Judges an outcome by whether the model passes for the right one.
-pub fn judge(session: &Session, outcome: &Outcome) -> Verdict {
-    let passes = session.accepts(&outcome.after, outcome.gaps.1);
-    match (outcome.steps.is_empty() && outcome.shapes.is_empty(), passes) {
+fn judge(measured: &Measured, outcome: &Outcome) -> Verdict {
+    let nothing_found = outcome.steps.is_empty() && outcome.shapes.is_empty();
+    match (nothing_found, outcome.after.passes()) {
         (true, true) => Verdict::Agrees,
         (true, false) => Verdict::Unexplained,
-        (false, true) if session.can_confirm => Verdict::Explained,
+        (false, true) if measured.can_confirm => Verdict::Explained,
         (false, _) => Verdict::PartlyExplained,
     }
 }
 
 /// The report of an outcome.
-pub fn report(session: &Session, outcome: &Outcome) -> Report {
-    let verdict = judge(session, outcome);
-    // The model with an effect that has a rival passes, but so may the model with the rival.
+pub fn report(measured: &Measured, outcome: &Outcome) -> Report {
+    let verdict = judge(measured, outcome);
+    // The model with an effect that has a rival passes, but the model with the rival may pass too.
     let confounded = |kind: &str| {
         outcome.confounded.iter().any(|(taken, _)| taken == kind)
-            || (kind == DARK_CURRENT && unknown_temperature(session))
+            || (kind == DARK_CURRENT && unknown_temperature(measured))
     };
     let start_up_alone = outcome.shapes.iter().all(|s| s.form == Form::FrameCurve);
     let status = |kind: &str| match confounded(kind) {
-        // A shape has no cause: it may hold part of what is named beside it, or the reverse. No
-        // effect of the catalogue runs over the frames as a start-up does.
+        // A shape has no known cause: it may include part of an effect that is named with it, or the
+        // reverse. No effect of the catalogue varies over the frames as a start-up does.
         false if verdict == Verdict::Explained && start_up_alone => Status::Confirmed,
         _ => Status::Tentative,
     };
-    let unexplained = session.unexplained(&outcome.after).into_iter().take(UNEXPLAINED);
+    let unexplained = outcome.after.unexplained.iter().take(UNEXPLAINED);
     Report {
         ambiguous: outcome.confounded.iter().map(|(a, b)| ambiguity(a, b)).collect(),
-        doubted: outcome.superseded.clone(),
         format: FORMAT.into(),
-        gap_after: outcome.gaps.1,
-        gap_before: outcome.gaps.0,
+        gap_after: outcome.after.gap,
+        gap_before: outcome.before.gap,
         gap_limit: outcome.after.limit(),
-        measures: measures(session, outcome),
+        measures: measures(measured, outcome),
         nearest: outcome.nearest.clone(),
-        notes: (session.notes.iter().cloned())
-            .chain(temperature(session, outcome))
-            .chain(below_quantisation(session, &outcome.after))
+        notes: (measured.notes.iter().cloned())
+            .chain(temperature(measured, outcome))
+            .chain(below_quantisation(measured, &outcome.after))
             .collect(),
-        nuisances: session.findings.clone(),
+        nuisances: measured.findings.clone(),
         statistics: outcome.after.fit.of.len(),
-        steps: steps(session, outcome, &status),
-        unexplained: unexplained.map(|(key, z)| left(session, &outcome.after, key, z)).collect(),
+        steps: steps(measured, outcome, &status),
+        superseded: outcome.superseded.clone(),
+        unexplained: unexplained
+            .map(|(key, z)| left(measured, &outcome.after, *key, *z))
+            .collect(),
         verdict,
     }
 }
 
-/// Whether a dark current that was found may be a temperature that was not given.
-fn unknown_temperature(session: &Session) -> bool {
-    session.findings.iter().any(|f| f.kind == Kind::Temperature)
+/// Whether a dark current that was found may be due to a temperature that was not given.
+fn unknown_temperature(measured: &Measured) -> bool {
+    measured.findings.iter().any(|f| f.kind == Kind::Temperature)
 }
 
-/// Both readings of an odd dark current where the temperature is not known.
-fn temperature(session: &Session, outcome: &Outcome) -> Option<String> {
+/// The note on a dark current that was found where the temperature is not known.
+fn temperature(measured: &Measured, outcome: &Outcome) -> Option<String> {
     let found = outcome.after.named.iter().find(|p| p.kind == DARK_CURRENT)?;
-    if !unknown_temperature(session) {
+    if !unknown_temperature(measured) {
         return None;
     }
     let rate = found.parameters.iter().find(|(key, _)| *key == "mean_e_per_s")?.1.value;
@@ -89,7 +91,7 @@ fn temperature(session: &Session, outcome: &Outcome) -> Option<String> {
     let kelvins = noise.dark_doubling_c * libm::log2(rate / noise.dark_current_e_per_s);
     kelvins.is_finite().then(|| {
         format!(
-            "the temperature is not given, and dark current and temperature cannot be told apart: \
+            "the temperature is not given, and dark current and temperature cannot be distinguished: \
              {rate:.3} e⁻/s at {} °C if the sensor was at the camera file's {} °C, or the camera \
              file's {} e⁻/s if it was at {:.1} °C",
             noise.temperature_ref_c,
@@ -100,17 +102,17 @@ fn temperature(session: &Session, outcome: &Outcome) -> Option<String> {
     })
 }
 
-/// What is said where samples of the captures change that never do in the model.
-fn below_quantisation(session: &Session, state: &State) -> Option<String> {
-    let keys = state.fit.never_changes(&session.fit.values);
+/// The note where samples of the captures change that never do in the model.
+fn below_quantisation(measured: &Measured, model: &Evaluation) -> Option<String> {
+    let keys = model.fit.never_changes(&measured.fit.values);
     let mut places: Vec<String> =
-        keys.iter().map(|k| words::place(&session.fit.design, *k)).collect();
+        keys.iter().map(|k| words::place(&measured.fit.design, *k)).collect();
     places.dedup();
     (!keys.is_empty()).then(|| {
         format!(
             "the model's read noise is below quantisation: its samples never change in {}, those \
              of the captures do, in {} that no standard deviation can be given for; \
-             read_e is larger than the camera file's, or brighter darks are needed to tell",
+             read_e is larger than the camera file's, or brighter darks are needed to determine it",
             places.join(", "),
             counted(keys.len(), "statistic"),
         )
@@ -124,20 +126,40 @@ fn ambiguity(a: &str, b: &str) -> Ambiguity {
     }
 }
 
-/// What was proposed, and the effects that were named beside it.
-fn steps(session: &Session, outcome: &Outcome, status: &dyn Fn(&str) -> Status) -> Vec<Step> {
-    // All shapes together: those of one sensor are found at once.
-    let gaps = (outcome.gaps.0, outcome.gap_with_shapes);
-    let proposed = outcome.shapes.iter().map(|shape| shape.step(gaps));
+/// The shapes that were found, and the effects that were named.
+fn steps(measured: &Measured, outcome: &Outcome, status: &dyn Fn(&str) -> Status) -> Vec<Step> {
+    let proposed = outcome.shapes.iter().map(|shape| proposed(outcome, shape));
     let named = outcome.steps.iter();
     proposed
-        .chain(named.map(|s| step(session, outcome, s, status(s.trial.proposal.kind))))
+        .chain(named.map(|s| step(measured, outcome, s, status(s.trial.proposal.kind))))
         .collect()
 }
 
-fn step(session: &Session, outcome: &Outcome, step: &forward::Step, status: Status) -> Step {
-    let nothing = ((Place::Set, What::Roughness), 0.0, 0.0);
-    let (key, before, after) = step.moved.first().copied().unwrap_or(nothing);
+/// A shape as a step. The gaps are those of all shapes together, which were found at once.
+fn proposed(outcome: &Outcome, shape: &Finding) -> Step {
+    Step {
+        dependence: Some(shape.dependence),
+        description: Some(shape.description.clone()),
+        domain: Some(shape.domain),
+        effect: EMPIRICAL.into(),
+        evidence: shape.evidence[0],
+        evidence_held_out: shape.evidence[1],
+        // Compared with residuals of the maps and moments it was found in, not of statistics.
+        explains: f64::NAN,
+        gap_after: outcome.gap_with_shapes,
+        gap_before: outcome.before.gap,
+        parameters: parameters(&shape.parameters),
+        runners_up: Vec::new(),
+        shape: Some(shape.form),
+        shown: shape.shown.clone(),
+        status: Status::Proposed,
+        place: shape.description.clone(),
+    }
+}
+
+fn step(measured: &Measured, outcome: &Outcome, step: &forward::Step, status: Status) -> Step {
+    let nothing = Moved { key: (Place::Set, What::Roughness), before: 0.0, after: 0.0 };
+    let Moved { key, before, after } = step.moved.first().copied().unwrap_or(nothing);
     let runners_up = step.others.iter().take(RUNNERS_UP).map(|o| RunnerUp {
         effect: o.proposal.kind.into(),
         evidence: o.evidence,
@@ -153,21 +175,21 @@ fn step(session: &Session, outcome: &Outcome, step: &forward::Step, status: Stat
         explains: step.trial.explains,
         gap_after: step.gap_after,
         gap_before: step.gap_before,
-        parameters: parameters(&step.trial.proposal),
+        parameters: parameters(&step.trial.proposal.parameters),
         runners_up: runners_up.collect(),
         shape: None,
         shown: None,
         status,
         place: format!(
             "{}: {} ({before:+.1} → {after:+.1} standard deviations)",
-            words::place(&session.holdout.design, key),
+            words::place(&measured.holdout.design, key),
             words::name(&outcome.after.camera, key)
         ),
     }
 }
 
-fn parameters(p: &Proposal) -> BTreeMap<String, Parameter> {
-    let all = p.parameters.iter().map(|(key, e)| {
+fn parameters(all: &[(&'static str, Estimated)]) -> BTreeMap<String, Parameter> {
+    let all = all.iter().map(|(key, e)| {
         let std_error = finite(Some(e.se));
         ((*key).to_string(), Parameter { std_error, value: e.value })
     });
@@ -175,36 +197,36 @@ fn parameters(p: &Proposal) -> BTreeMap<String, Parameter> {
 }
 
 /// A statistic left unexplained.
-fn left(session: &Session, state: &State, key: Key, z: f64) -> Unexplained {
+fn left(measured: &Measured, model: &Evaluation, key: Key, z: f64) -> Unexplained {
     Unexplained {
-        description: describe(session, state, key, z),
-        measured: finite(session.fit.values.get(&key).map(|s| s.value)),
-        predicted: finite(state.fit.of.get(&key).map(|p| p.value)),
-        statistic: words::name(&state.camera, key),
-        place: words::place(&session.fit.design, key),
+        description: describe(measured, model, key, z),
+        measured: finite(measured.fit.values.get(&key).map(|s| s.value)),
+        predicted: finite(model.fit.of.get(&key).map(|p| p.value)),
+        statistic: words::name(&model.camera, key),
+        place: words::place(&measured.fit.design, key),
         z: (z * 100.0).round() / 100.0,
     }
 }
 
-/// How far a model is from the captures, with its held-out gap.
-pub fn comparison(session: &Session, state: &State, gap: f64) -> Comparison {
-    let [fit, holdout] = session.deviations(state);
-    let held_out = |k: &Key| holdout.get(&session.held_out(*k)?).copied();
+/// How far a model is from the captures.
+pub fn comparison(measured: &Measured, model: &Evaluation) -> Comparison {
+    let [fit, holdout] = &model.deviations;
+    let held_out = |k: &Key| holdout.get(&measured.held_out(*k)?).copied();
     let both = |k: &Key| (fit.get(k).unwrap_or(&0.0) + held_out(k).unwrap_or(0.0)).abs();
     let mut keys: Vec<Key> = fit.keys().copied().collect();
     keys.sort_by(|a, b| both(b).total_cmp(&both(a)));
     let compared = keys.into_iter().map(|key| Compared {
-        measured: finite(session.fit.values.get(&key).map(|s| s.value)),
-        predicted: finite(state.fit.of.get(&key).map(|p| p.value)),
-        statistic: words::name(&state.camera, key),
-        place: words::place(&session.fit.design, key),
+        measured: finite(measured.fit.values.get(&key).map(|s| s.value)),
+        predicted: finite(model.fit.of.get(&key).map(|p| p.value)),
+        statistic: words::name(&model.camera, key),
+        place: words::place(&measured.fit.design, key),
         z_fit: finite(fit.get(&key).copied()),
         z_held_out: finite(held_out(&key)),
     });
     Comparison {
-        agrees: session.accepts(state, gap),
-        gap,
-        gap_limit: state.limit(),
+        agrees: model.passes(),
+        gap: model.gap,
+        gap_limit: model.limit(),
         statistics: compared.collect(),
     }
 }

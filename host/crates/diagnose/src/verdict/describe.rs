@@ -2,22 +2,23 @@
 
 use super::whereabouts::whereabouts;
 use super::words;
+use crate::measured::Measured;
 use crate::model::effects::dn_per_e;
-use crate::search::session::{Session, State};
+use crate::search::Evaluation;
 use crate::statistics::statistic::{Key, Place, Scale, What};
 use camrig_base::numbers::plain;
 
 /// A statistic that a model leaves unexplained, `z` standard deviations from it: how far, in units
 /// that a person knows, and where. Empty where it was not measured or is not predicted.
-pub(super) fn describe(session: &Session, state: &State, key: Key, z: f64) -> String {
-    let measured = session.fit.values.get(&key).map(|s| s.value);
-    let predicted = state.fit.of.get(&key).map(|p| p.value);
-    let (Some(m), Some(p)) = (measured, predicted) else { return String::new() };
-    let statistic = words::name(&state.camera, key);
-    let place = words::place(&session.fit.design, key);
+pub(super) fn describe(measured: &Measured, model: &Evaluation, key: Key, z: f64) -> String {
+    let value = measured.fit.values.get(&key).map(|s| s.value);
+    let predicted = model.fit.of.get(&key).map(|p| p.value);
+    let (Some(m), Some(p)) = (value, predicted) else { return String::new() };
+    let statistic = words::name(&model.camera, key);
+    let place = words::place(&measured.fit.design, key);
     let more = if z > 0.0 { "more" } else { "less" };
-    let condition = |i: usize| session.fit.design.conditions.get(i);
-    let gain = |i| condition(i).map_or(1.0, |c| dn_per_e(&state.camera, c.stack.analog_gain));
+    let condition = |i: usize| measured.fit.design.conditions.get(i);
+    let gain = |i| condition(i).map_or(1.0, |c| dn_per_e(&model.camera, c.stack.analog_gain));
     let size = match (key.0, key.1) {
         (Place::Stack(i), What::Mean(_)) => {
             let k = gain(i);
@@ -43,15 +44,15 @@ pub(super) fn describe(session: &Session, state: &State, key: Key, z: f64) -> St
             format!("{m:.3} times what white noise gives, the model {p:.3}, at {exposure} s")
         }
         (Place::Target(i), What::Of(figure)) if figure.is_level() => {
-            let gain = session.fit.design.targets.get(i).map_or(1.0, |t| t.stack.analog_gain);
-            let k = dn_per_e(&state.camera, gain);
+            let gain = measured.fit.design.targets.get(i).map_or(1.0, |t| t.stack.analog_gain);
+            let k = dn_per_e(&model.camera, gain);
             format!(
                 "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
                 (m - p).abs(),
                 (m - p).abs() / k
             )
         }
-        _ => match state.fit.of.get(&key).map(|x| x.scale) {
+        _ => match model.fit.of.get(&key).map(|x| x.scale) {
             Some(Scale::Log) => format!(
                 "{}, {:.1} % {more} than the model's {}",
                 plain(m),
@@ -62,7 +63,7 @@ pub(super) fn describe(session: &Session, state: &State, key: Key, z: f64) -> St
         },
     };
     let mut sentence = format!("{statistic} in {place}: {size} ({z:+.1} standard deviations)");
-    if let Some(more) = whereabouts(session, key) {
+    if let Some(more) = whereabouts(measured, key) {
         sentence = format!("{sentence}; {more}");
     }
     sentence

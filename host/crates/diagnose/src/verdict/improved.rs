@@ -8,12 +8,39 @@ use camrig_camera::presets;
 use camrig_sensor_core::effects::{Effect, Parameter};
 use std::path::Path;
 
-/// A camera file that does not depend on its folder.
-pub struct Standalone {
+/// An improved camera file that does not depend on its folder.
+pub struct ImprovedFile {
     /// The text.
     pub text: String,
     /// Tables it names: file name and content.
     pub tables: Vec<(String, String)>,
+    /// Its additions to the one given: keys with their values, and the value before where it
+    /// changed; then the effects, with standard errors.
+    pub additions: String,
+}
+
+/// A camera file that does not depend on its folder.
+struct Standalone {
+    text: String,
+    tables: Vec<(String, String)>,
+}
+
+/// The camera file `text`, loaded as `spec`, with the effects of `camera`, of which `named` were
+/// found.
+///
+/// # Errors
+/// A text that is no camera file; a table that cannot be read.
+pub fn file(
+    text: &str,
+    spec: &str,
+    camera: &camrig_camera::Camera,
+    named: &[Proposal],
+) -> Result<ImprovedFile> {
+    let given = standalone(text, spec)?;
+    let before = given.text.clone();
+    let Standalone { text, tables } = camera_file(given, camera, named)?;
+    let additions = additions(&before, &text, named)?;
+    Ok(ImprovedFile { text, tables, additions })
 }
 
 /// The camera file with the effects of `camera`, of which `named` were found, from a text and the
@@ -21,7 +48,7 @@ pub struct Standalone {
 ///
 /// # Errors
 /// A text that is no camera file.
-pub fn camera_file(
+fn camera_file(
     Standalone { text, mut tables }: Standalone,
     camera: &camrig_camera::Camera,
     named: &[Proposal],
@@ -38,12 +65,12 @@ pub fn camera_file(
         ("prnu", noise.prnu),
         ("row_fpn_e", noise.row_fpn_e),
     ];
-    let taken_off = file.get("sensor").and_then(|s| s.get("bits")?.as_integer())
+    let shifted = file.get("sensor").and_then(|s| s.get("bits")?.as_integer())
         != Some(i64::from(camera.sensor.bits));
     if let Some(sensor) = file.get_mut("sensor").and_then(toml::Value::as_table_mut)
-        && taken_off
+        && shifted
     {
-        // A step was taken off the codes: the file is of the bits that vary.
+        // The codes were divided by a step: the file has the bits that vary.
         let s = &camera.sensor;
         sensor.insert("bits".into(), i64::from(s.bits).into());
         sensor.insert("black_level_dn".into(), seven_figures(s.black_level_dn).into());
@@ -58,7 +85,7 @@ pub fn camera_file(
                 | Effect::RowOffsetFpn(_)
         )
     };
-    // An empirical effect may stand for a part of the base model.
+    // An empirical effect may replace part of the base model.
     if named.iter().flat_map(|p| &p.effects).any(base) || !camera.empirical.is_empty() {
         let sensor = file.get_mut("sensor").and_then(toml::Value::as_table_mut);
         if let Some(sensor) = sensor {
@@ -109,12 +136,12 @@ pub fn camera_file(
     Ok(Standalone { text, tables })
 }
 
-/// What an improved camera file has that the one given has not: keys with their values, those that
-/// changed with the value before; then the effects. `named` gives the standard errors.
+/// The additions of an improved camera file to the one given: keys with their values, and the value
+/// before where it changed; then the effects. `named` has the standard errors.
 ///
 /// # Errors
 /// A text that is no camera file.
-pub fn additions(given: &str, improved: &str, named: &[Proposal]) -> Result<String> {
+fn additions(given: &str, improved: &str, named: &[Proposal]) -> Result<String> {
     let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
     let old: toml::Table = toml::from_str(given).map_err(wrong)?;
     let new: toml::Table = toml::from_str(improved).map_err(wrong)?;
@@ -154,13 +181,13 @@ fn changes(place: &str, old: &toml::Table, new: &toml::Table, out: &mut String) 
     }
 }
 
-/// Makes a camera file's text independent of its folder: tables that it names come with it, under
-/// their own names, but those of effects; the path of a lens is absolute. `spec` is how the camera
-/// was named.
+/// Makes a camera file's text independent of its folder: the tables that it names, except those of
+/// effects, are returned with it under their names; the path of a lens becomes absolute. `spec` is how
+/// the camera was named.
 ///
 /// # Errors
 /// A table that cannot be read.
-pub fn standalone(text: &str, spec: &str) -> Result<Standalone> {
+fn standalone(text: &str, spec: &str) -> Result<Standalone> {
     let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
     let mut file: toml::Table = toml::from_str(text).map_err(wrong)?;
     let built_in = !spec.contains(['/', '\\', '.']);
@@ -212,9 +239,9 @@ mod tests {
                    [[effect]]\nkind = \"prnu\"\n";
         let new = "name = \"a\"\n[sensor.noise]\nread_e = 4.0\nprnu = 0.01\nrow_fpn_e = 1.5\n\
                    [[effect]]\nkind = \"prnu\"\n[[effect]]\nkind = \"amp-glow\"\nx = 1.0\n";
-        let told = additions(old, new, &[]).unwrap();
+        let added = additions(old, new, &[]).unwrap();
         assert_eq!(
-            told,
+            added,
             "sensor.noise.read_e = 4.0  # was 3.0\nsensor.noise.row_fpn_e = 1.5\n\n\
              [[effect]]\nkind = \"amp-glow\"\nx = 1.0\n"
         );

@@ -3,9 +3,9 @@
 //! Held-out frames, the model before and after.
 
 use crate::data::design::Target;
+use crate::measured::Measured;
 use crate::report::{LuminanceScatter, Measures, MtfAtNyquist, RowProfile};
-use crate::search::run::Outcome;
-use crate::search::session::{Session, State};
+use crate::search::{Evaluation, Outcome};
 use crate::statistics::statistic::{Figure, Key, Place, What};
 use crate::statistics::targets::densest_channel;
 use camrig_base::Plane;
@@ -22,10 +22,10 @@ const NYQUIST_TENTHS: u8 = 5;
 const ROW: (usize, usize) = (510, 1536);
 
 /// The measures of an outcome.
-pub(super) fn measures(session: &Session, outcome: &Outcome) -> Measures {
+pub(super) fn measures(measured: &Measured, outcome: &Outcome) -> Measures {
     let mut out = Measures::default();
-    for (i, target) in session.holdout.design.targets.iter().enumerate() {
-        let seen = Seen { session, outcome, target, index: i };
+    for (i, target) in measured.holdout.design.targets.iter().enumerate() {
+        let seen = Seen { measured, outcome, target, index: i };
         out.mtf_at_nyquist.extend(seen.mtf());
         if target.stack.role == Role::Chart {
             out.luminance_scatter.extend(seen.scatter());
@@ -37,7 +37,7 @@ pub(super) fn measures(session: &Session, outcome: &Outcome) -> Measures {
 
 /// A target of the held-out frames.
 struct Seen<'a> {
-    session: &'a Session,
+    measured: &'a Measured,
     outcome: &'a Outcome,
     target: &'a Target,
     index: usize,
@@ -47,9 +47,9 @@ impl Seen<'_> {
     /// A figure: measured, by the model before and after, and its standard deviation on its scale.
     fn figure(&self, figure: Figure) -> Option<(f64, [f64; 2], f64)> {
         let key: Key = (Place::Target(self.index), What::Of(figure));
-        let model = |s: &State| s.holdout.of.get(&key).map(|p| p.value);
+        let model = |s: &Evaluation| s.holdout.of.get(&key).map(|p| p.value);
         let sd = self.outcome.after.holdout.of.get(&key)?.sd;
-        let measured = self.session.holdout.values.get(&key)?.value;
+        let measured = self.measured.holdout.values.get(&key)?.value;
         Some((measured, [model(&self.outcome.before)?, model(&self.outcome.after)?], sd))
     }
 
@@ -91,9 +91,9 @@ impl Seen<'_> {
     }
 
     fn row(&self) -> Option<RowProfile> {
-        let off = |s: &State| {
-            let model = self.session.picture(&s.camera, self.target).ok()?;
-            let measured = self.session.holdout.pictures.get(self.index)?;
+        let off = |s: &Evaluation| {
+            let model = self.measured.holdout.picture(&s.camera, self.target).ok()?;
+            let measured = self.measured.holdout.pictures.get(self.index)?;
             row_difference(&s.camera, &measured.mean, &model)
         };
         let (before, after) = (off(&self.outcome.before)?, off(&self.outcome.after)?);

@@ -1,5 +1,4 @@
-//! What is said of a search: the verdict, the report, the sentences for people, and the improved
-//! camera file.
+//! The result of a search: the verdict, the report with its sentences, and the improved camera file.
 
 mod ambiguity;
 mod compile;
@@ -10,4 +9,4 @@ mod whereabouts;
 pub mod words;
 
 pub use ambiguity::next_plan;
-pub use compile::{comparison, judge, report};
+pub use compile::{comparison, report};

@@ -1,29 +1,28 @@
-//! Where on the sensor and at which frequency a deviation is, which its number alone does not
-//! tell.
+//! Place on the sensor and frequency of a deviation.
 
+use crate::measured::Measured;
 use crate::numerics::spectrum::{Background, Spectrum};
-use crate::search::session::Session;
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::median::median;
 
-/// Tiles along each side of the sensor, of which the one that stands out is named.
+/// Tiles along each side of the sensor, of which the most deviating one is named.
 const TILES: usize = 8;
-/// Standard deviations of the noise of blocks from which noise is said to be regional.
+/// Standard deviations of the noise of blocks from which noise is reported as regional.
 const REGIONAL: f64 = 5.0;
 
 /// Words for the frequency of a line, or the region where noise or structure is most; none for
 /// other statistics.
-pub fn whereabouts(session: &Session, key: Key) -> Option<String> {
+pub fn whereabouts(measured: &Measured, key: Key) -> Option<String> {
     match key {
         (Place::Stack(i), what) => {
-            let t = session.fit.stacks.get(i)?;
+            let t = measured.fit.stacks.get(i)?;
             match what {
                 What::PlanePeak => plane(t.power.as_deref()?, t.width, t.height),
                 What::RowPeak => line(&t.row_power, t.height, "row"),
                 What::ColumnPeak => line(&t.column_power, t.width, "column"),
                 What::Variance(_) | What::Spread | What::NoiseBlocks | What::NoiseSlope(_) => {
-                    let blocks = session.fit.values.get(&(Place::Stack(i), What::NoiseBlocks))?;
+                    let blocks = measured.fit.values.get(&(Place::Stack(i), What::NoiseBlocks))?;
                     // White noise gives 1.
                     let z = (blocks.scale.of(blocks.value) - 1.0) / blocks.sd;
                     let most = stands_out(&t.pixel_variance, t.width, t.height)?;
@@ -35,7 +34,7 @@ pub fn whereabouts(session: &Session, key: Key) -> Option<String> {
             }
         }
         (Place::Map(kind), what) => {
-            let map = session.fit.maps.iter().find(|m| m.kind == kind)?;
+            let map = measured.fit.maps.iter().find(|m| m.kind == kind)?;
             let (w, h) = (map.plane.width, map.plane.height);
             match what {
                 What::RowPatternPeak => line(&Spectrum::of(&map.spatial.rows.means), h, "row"),

@@ -1,17 +1,17 @@
-//! What a diagnosis leaves, and what the captures hold beside the sensor.
+//! What a diagnosis leaves unexplained, and disturbances in the captures.
 
 use super::words::{kind, number_word, printed};
 use crate::numbers::{amount, count, counted, digits, fixed, number};
 use crate::page::{Page, Table};
 use crate::plot::{Colour, Mark, Plot};
+use camrig_diagnose::Diagnosis;
 use camrig_diagnose::report::{Finding, Measures, Report};
-use camrig_diagnose::search::{Outcome, Session};
 
-/// Frames of a finding that are listed, at most.
-const FRAMES: usize = 8;
-/// Deviation from which statistics are counted, standard deviations, and the share that chance
-/// alone gives beyond it.
+/// Most frames listed of a finding.
+const MAX_FRAMES: usize = 8;
+/// Deviation from which statistics are counted, standard deviations.
 const FAR: f64 = 3.0;
+/// Fraction of normal deviates beyond it.
 const BY_CHANCE: f64 = 0.0027;
 /// Smallest deviation that is drawn, standard deviations.
 const SMALLEST: f64 = 0.01;
@@ -19,11 +19,12 @@ const SMALLEST: f64 = 0.01;
 const POINTS: usize = 300;
 
 /// What is left: all deviations against chance, and the statistics that stay unexplained.
-pub fn section(page: &mut Page, session: &Session, outcome: &Outcome, found: &Report) {
+pub fn section(page: &mut Page, diagnosis: &Diagnosis) {
+    let (found, outcome) = (&diagnosis.report, &diagnosis.outcome);
     page.heading("What is left");
-    let [before, after] = [&outcome.before, &outcome.after].map(|state| {
-        let [_, holdout] = session.deviations(state);
-        let mut sizes: Vec<f64> = holdout.values().map(|z| z.abs().max(SMALLEST)).collect();
+    let [before, after] = [&outcome.before, &outcome.after].map(|model| {
+        let [_, held_out] = &model.deviations;
+        let mut sizes: Vec<f64> = held_out.values().map(|z| z.abs().max(SMALLEST)).collect();
         sizes.sort_by(f64::total_cmp);
         sizes
     });
@@ -39,8 +40,8 @@ pub fn section(page: &mut Page, session: &Session, outcome: &Outcome, found: &Re
             });
             let far = after.iter().filter(|z| **z > FAR).count();
             page.paragraph(&format!(
-                "Of {} of the held-out frames, {far} {} beyond {FAR} standard deviations; chance \
-                 alone gives {}. The largest is {}.",
+                "Of {} of the held-out frames, {far} {} beyond {FAR} standard deviations; {} are \
+                 expected by chance. The largest is {}.",
                 counted(after.len(), "statistic"),
                 if far == 1 { "lies" } else { "lie" },
                 digits(BY_CHANCE * after.len() as f64, 2),
@@ -51,7 +52,7 @@ pub fn section(page: &mut Page, session: &Session, outcome: &Outcome, found: &Re
     );
 }
 
-/// The statistics that stay unexplained, the worst first, and what came near them.
+/// The statistics that stay unexplained, the worst first, and the nearest effects.
 fn open(page: &mut Page, found: &Report) {
     if !found.unexplained.is_empty() {
         let mut table = Table::new(&[]).numbers(&["severity"]).words(&["what is left"]);
@@ -63,14 +64,14 @@ fn open(page: &mut Page, found: &Report) {
     if !found.nearest.is_empty() {
         let kinds: Vec<String> = found.nearest.iter().map(|k| kind(k).to_lowercase()).collect();
         page.paragraph(&format!(
-            "Nearest in the catalogue, but leaving too much to be named: {}.",
+            "Nearest in the catalogue, but leaving too much unexplained to be named: {}.",
             kinds.join(", ")
         ));
     }
     for pair in &found.ambiguous {
         let [a, b] = pair.effects.each_ref().map(|k| kind(k).to_lowercase());
         page.note(&format!(
-            "These captures hardly tell apart: {a} and {b}. What would: {}.",
+            "These captures cannot distinguish {a} from {b}. These would: {}.",
             pair.tie_breaker
         ));
     }
@@ -98,7 +99,7 @@ fn deviations(before: &[f64], after: &[f64], improved: bool) -> Plot {
     let chance = (0..64).map(|i| (f64::from(i) + 0.5) / 64.0);
     let chance = chance.map(|p| [p * n as f64, half_normal(p).max(SMALLEST)]).collect();
     plot.series("chance alone", Mark::Dashed, Colour::Reference, chance);
-    plot.note("Sorted. Where a line follows the dashed one, what is left is noise.");
+    plot.note("Sorted. Where a line follows the dashed one, the rest is noise.");
     plot
 }
 
@@ -113,18 +114,20 @@ fn half_normal(p: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// What is in the captures that is not the sensor's steady behaviour.
+/// Disturbances: what in the captures is not the sensor's steady behaviour.
 pub fn nuisances(page: &mut Page, found: &[Finding]) {
     if found.is_empty() {
         return;
     }
-    page.heading("What is in the captures beside the sensor");
-    let mut table = Table::new(&["what", "captures"])
-        .numbers(&["count", "amount"])
-        .words(&["frames", "done", "in words"]);
+    page.heading("Disturbances in the captures");
+    let mut table = Table::new(&["what", "captures"]).numbers(&["count", "amount"]).words(&[
+        "frames",
+        "treatment",
+        "description",
+    ]);
     table.rows(found.iter().map(|f| {
-        let frames: Vec<String> = f.frames.iter().take(FRAMES).map(usize::to_string).collect();
-        let more = if f.frames.len() > FRAMES { ", ..." } else { "" };
+        let frames: Vec<String> = f.frames.iter().take(MAX_FRAMES).map(usize::to_string).collect();
+        let more = if f.frames.len() > MAX_FRAMES { ", ..." } else { "" };
         vec![
             f.kind.to_string().replace('-', " "),
             f.place.clone(),

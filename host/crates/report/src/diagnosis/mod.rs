@@ -10,38 +10,33 @@ use super::numbers::{counted, fixed, number};
 use super::page::{KeyFigure, Page, Table, Tone};
 use super::plot::{Colour, Mark, Plot, Size};
 use camrig_base::Result;
-use camrig_diagnose::finding::EMPIRICAL;
-use camrig_diagnose::report::{self, Report, Status, Verdict};
+use camrig_diagnose::Diagnosis;
+use camrig_diagnose::measured::{Half, Measured};
+use camrig_diagnose::report::{self, EMPIRICAL, Report, Status, Verdict};
 use camrig_diagnose::search::forward::Step;
-use camrig_diagnose::search::{Outcome, Session};
 use camrig_diagnose::statistics::statistic::{Key, Place};
+use camrig_diagnose::verdict::improved::ImprovedFile;
 use camrig_diagnose::verdict::words as statistics;
 
-/// Statistics listed that gave an effect away.
-const TOLD: usize = 5;
-/// Letters of an effect's name beside the headline on a phone.
-const SHORT_NAME: usize = 18;
+/// Most statistics listed as evidence of an effect.
+const MAX_EVIDENCE: usize = 5;
+/// Most letters of an effect's name next to the headline on a phone.
+const MAX_SHORT_NAME: usize = 18;
 /// Room on the axis of gaps, as factors: below the least for its figure, and above the largest.
 const ROOM: [f64; 2] = [6.0, 2.0];
 /// Height of a row of the headline and of what is around the rows, px.
 const ROW: f64 = 40.0;
 const FRAME: f64 = 76.0;
 
-/// The page of what was found. `files` are the improved camera file and what it has that the one
-/// given has not, `command` is what was typed.
+/// The page of a diagnosis with its improved camera file; `command` is what was typed.
 ///
 /// # Errors
 /// Models that the sensor refuses.
-pub fn page(
-    session: &Session,
-    outcome: &Outcome,
-    found: &Report,
-    [improved, added]: [&str; 2],
-    command: &str,
-) -> Result<String> {
+pub fn page(diagnosis: &Diagnosis, improved: &ImprovedFile, command: &str) -> Result<String> {
+    let (found, outcome) = (&diagnosis.report, &diagnosis.outcome);
     let camera = &outcome.before.camera;
     let mut page = Page::new(&format!("Diagnosis of {}", camera.name));
-    page.kind("Diagnosis").command(command).subtitle(&subtitle(session));
+    page.kind("Diagnosis").command(command).subtitle(&subtitle(&diagnosis.measured));
     page.opening(
         |page| {
             let (tone, word) = verdict(found.verdict);
@@ -57,40 +52,40 @@ pub fn page(
     for note in &found.notes {
         page.note(&format!("{}.", super::emva::capitalised(&words::printed(note))));
     }
-    if let Some(first) = &found.doubted {
+    if let Some(first) = &found.superseded {
         page.note(&format!(
             "{} was named first; a search that begins without it explains more.",
             words::kind(first)
         ));
     }
-    let maps = Maps::new(session, outcome)?;
-    // What was proposed comes first in the report, and is no step of the search.
+    let maps = Maps::new(diagnosis)?;
+    // Shapes come first in the report, and are not steps of the search.
     let proposed = found.steps.iter().filter(|s| s.effect == EMPIRICAL).count();
     for (i, step) in found.steps.iter().enumerate() {
         let of_search = i.checked_sub(proposed).and_then(|i| outcome.steps.get(i));
-        effect(&mut page, (session, outcome, &maps), (i + 1, step), of_search);
+        effect(&mut page, &maps, (i + 1, step), of_search);
     }
-    left::section(&mut page, session, outcome, found);
+    left::section(&mut page, diagnosis);
     left::nuisances(&mut page, &found.nuisances);
     left::paper_measures(&mut page, &found.measures);
     page.heading("Improved camera file");
-    match added {
+    match &*improved.additions {
         "" => page.paragraph("Nothing was added to the camera file."),
         added => page
             .paragraph("Written to camera-improved.toml; what was added or changed:")
             .verbatim(added),
     };
     page.folded_on_screen("The whole file", |page| {
-        page.verbatim(improved);
+        page.verbatim(&improved.text);
     });
     Ok(page.html())
 }
 
 /// How many frames of what size.
-fn subtitle(session: &Session) -> String {
-    let halves = match session.can_confirm {
-        true => vec![&session.fit.design, &session.holdout.design],
-        false => vec![&session.fit.design],
+fn subtitle(measured: &Measured) -> String {
+    let halves = match measured.can_confirm {
+        true => vec![&measured.fit.design, &measured.holdout.design],
+        false => vec![&measured.fit.design],
     };
     let stacks = |d: &camrig_diagnose::data::design::Design| -> Vec<(usize, usize)> {
         let conditions = d.conditions.iter().map(|c| &c.stack);
@@ -103,7 +98,7 @@ fn subtitle(session: &Session) -> String {
     captures.sort_unstable();
     captures.dedup();
     let size =
-        session.fit.stacks.first().map_or_else(String::new, |s| {
+        measured.fit.stacks.first().map_or_else(String::new, |s| {
             format!(" of {} × {} pixels", s.mean.width, s.mean.height)
         });
     let captures = counted(captures.len(), "capture");
@@ -119,7 +114,7 @@ fn verdict(verdict: Verdict) -> (Tone, &'static str) {
     }
 }
 
-/// What differed, by how much, what explains it and what is left, in a few sentences.
+/// The difference, its explanation and the rest, in a few sentences.
 fn in_words(found: &Report) -> String {
     let (before, after) = (number(found.gap_before), number(found.gap_after));
     let limit = number(found.gap_limit);
@@ -155,7 +150,7 @@ fn in_words(found: &Report) -> String {
     format!("{first} {fell}")
 }
 
-/// The way down of the gap, effect by effect.
+/// The gap after each effect.
 fn gaps(found: &Report, size: Size) -> Plot {
     let mut values = vec![found.gap_before];
     values.extend(found.steps.iter().map(|s| s.gap_after));
@@ -198,10 +193,10 @@ fn gaps(found: &Report, size: Size) -> Plot {
 
 /// A name that a phone has room for.
 fn shortened(name: &str) -> String {
-    if name.chars().count() <= SHORT_NAME {
+    if name.chars().count() <= MAX_SHORT_NAME {
         return name.to_owned();
     }
-    let kept: String = name.chars().take(SHORT_NAME - 1).collect();
+    let kept: String = name.chars().take(MAX_SHORT_NAME - 1).collect();
     format!("{}…", kept.trim_end())
 }
 
@@ -235,16 +230,16 @@ fn lowered(text: &str) -> String {
     }
 }
 
-/// An effect: what it is, where it is visible, its amounts, what told it.
+/// An effect: what it is, where it is visible, its amounts, the evidence for it.
 fn effect(
     page: &mut Page,
-    (session, outcome, maps): (&Session, &Outcome, &Maps<'_>),
+    maps: &Maps<'_>,
     (number, step): (usize, &report::Step),
     of_search: Option<&Step>,
 ) {
     let evidence = |page: &mut Page| {
         if let Some(of_search) = of_search {
-            told(page, session, outcome, of_search);
+            moved(page, maps.diagnosis, of_search);
             candidates(page, of_search);
         }
     };
@@ -287,39 +282,39 @@ fn amounts(page: &mut Page, step: &report::Step) {
 }
 
 /// The statistics whose deviation fell most.
-fn told(page: &mut Page, session: &Session, outcome: &Outcome, step: &Step) {
-    let camera = &outcome.after.camera;
+fn moved(page: &mut Page, diagnosis: &Diagnosis, step: &Step) {
+    let (camera, held_out) = (diagnosis.improved(), &diagnosis.measured.holdout);
     let mut table = Table::new(&["where", "statistic"]).numbers(&["σ before", "σ after"]);
-    table.rows(step.moved.iter().take(TOLD).map(|(key, before, after)| {
+    table.rows(step.moved.iter().take(MAX_EVIDENCE).map(|m| {
         vec![
-            place(session, *key),
-            statistics::name(camera, *key),
-            fixed(*before, 1),
-            fixed(*after, 1),
+            place(held_out, m.key),
+            statistics::name(camera, m.key),
+            fixed(m.before, 1),
+            fixed(m.after, 1),
         ]
     }));
-    page.subheading("What told it").rows(&table);
+    page.subheading("Evidence").rows(&table);
     page.small("Deviation of the held-out frames from the model, standard deviations σ.");
     if step.observed.iter().any(|s| !matches!(s.key.0, Place::Stack(_))) && step.observed.len() > 1
     {
-        places(page, session, outcome, step);
+        places(page, diagnosis, step);
     }
 }
 
-/// The places of the statistic that gave an effect away, by the numbers of its plot.
-fn places(page: &mut Page, session: &Session, outcome: &Outcome, step: &Step) {
+/// The places of the statistic that shows an effect best, by the numbers of its plot.
+fn places(page: &mut Page, diagnosis: &Diagnosis, step: &Step) {
     page.folded(&format!("The statistic at {} places", step.observed.len()), |page| {
         let mut table = Table::new(&["", "where", "statistic"]);
         table.rows(step.observed.iter().enumerate().map(|(i, s)| {
-            let name = statistics::name(&outcome.after.camera, s.key);
-            vec![(i + 1).to_string(), place(session, s.key), name]
+            let name = statistics::name(diagnosis.improved(), s.key);
+            vec![(i + 1).to_string(), place(&diagnosis.measured.holdout, s.key), name]
         }));
         page.rows(&table);
     });
 }
 
-fn place(session: &Session, key: Key) -> String {
-    let text = statistics::place(&session.holdout.design, key);
+fn place(half: &Half, key: Key) -> String {
+    let text = statistics::place(&half.design, key);
     text.strip_prefix("capture ").map_or(text.clone(), |id| id.replace('-', " "))
 }
 

@@ -1,14 +1,14 @@
-//! The pictures of an effect: what was measured, beside the model without and with it. A smooth
+//! The pictures of an effect: the measurement, and the models without and with it. A smooth
 //! effect is seen in maps, a pattern of lines in a profile, one of pixels in their distribution,
 //! noise in a statistic over the captures.
 
 use super::words;
 use crate::plot::{Colour, Mark, Plot, Size, triple};
 use camrig_base::{Plane, Result};
+use camrig_diagnose::Diagnosis;
 use camrig_diagnose::model::effects::dn_per_e;
 use camrig_diagnose::report::Shown;
 use camrig_diagnose::search::forward::{Observed, Step};
-use camrig_diagnose::search::{Outcome, Session};
 use camrig_diagnose::statistics::maps::{Map, MapKind, reference_dark};
 use camrig_diagnose::statistics::statistic::{Key, Place, Scale, What};
 use camrig_diagnose::verdict::words as statistics;
@@ -36,8 +36,7 @@ const LESS_IMPROVED: &str = "Measured less the improved model";
 
 /// Maps of the held-out frames, and of replicates of the model before and after.
 pub struct Maps<'a> {
-    session: &'a Session,
-    outcome: &'a Outcome,
+    pub diagnosis: &'a Diagnosis,
     before: Vec<Map>,
     after: Vec<Map>,
 }
@@ -59,26 +58,31 @@ struct Planes {
 
 impl<'a> Maps<'a> {
     /// Simulates both models once.
-    pub fn new(session: &'a Session, outcome: &'a Outcome) -> Result<Self> {
+    pub fn new(diagnosis: &'a Diagnosis) -> Result<Self> {
+        let held_out = &diagnosis.measured.holdout;
         Ok(Self {
-            session,
-            outcome,
-            before: session.replicated_maps(&outcome.before.camera)?,
-            after: session.replicated_maps(&outcome.after.camera)?,
+            diagnosis,
+            before: held_out.replicated_maps(&diagnosis.outcome.before.camera)?,
+            after: held_out.replicated_maps(diagnosis.improved())?,
         })
     }
 
     /// Columns and rows of the frames.
     pub fn sides(&self) -> [usize; 2] {
-        self.session.fit.stacks.first().map_or([0, 0], |s| [s.mean.width, s.mean.height])
+        self.diagnosis
+            .measured
+            .fit
+            .stacks
+            .first()
+            .map_or([0, 0], |s| [s.mean.width, s.mean.height])
     }
 
     /// Where the effect of a step is visible.
     pub fn picture(&self, step: &Step) -> Option<Picture> {
-        let mut keys = step.moved.iter().map(|m| m.0);
+        let mut keys = step.moved.iter().map(|m| m.key);
         // Means and variances over the sensor show that there is more, a map shows where.
         let in_map = |key: &Key| matches!(key.0, Place::Map(_));
-        let first = step.moved.first()?.0;
+        let first = step.moved.first()?.key;
         let vague = matches!(first.1, What::Mean(_) | What::Variance(_));
         let shown = keys.find(|key| in_map(key) && (vague || *key == first));
         if let Some((Place::Map(kind), what)) = shown
@@ -93,14 +97,15 @@ impl<'a> Maps<'a> {
     fn planes(&self, kind: MapKind) -> Option<Planes> {
         let of = |maps: &[Map]| Some(self.in_unit(maps.iter().find(|m| m.kind == kind)?));
         let (name, unit) = words::map(kind);
-        let all = [of(&self.session.holdout.maps)?, of(&self.before)?, of(&self.after)?];
+        let all =
+            [of(&self.diagnosis.measured.holdout.maps)?, of(&self.before)?, of(&self.after)?];
         Some(Planes { name, unit, all })
     }
 
     /// A map in e⁻, e⁻/s or per cent. The gain is that of the model as given, for all alike.
     fn in_unit(&self, map: &Map) -> Plane<f64> {
-        let design = &self.session.holdout.design;
-        let camera = &self.outcome.before.camera;
+        let design = &self.diagnosis.measured.holdout.design;
+        let camera = &self.diagnosis.outcome.before.camera;
         let gain = reference_dark(design)
             .map_or(1.0, |i| dn_per_e(camera, design.conditions[i].stack.analog_gain));
         let black = camera.sensor.black_level_dn;
@@ -114,11 +119,11 @@ impl<'a> Maps<'a> {
         Plane { width: map.plane.width, height: map.plane.height, data }
     }
 
-    /// The statistic that gave an effect away wherever it was taken: measured, and both models.
+    /// The statistic that shows an effect best, in all captures: measured, and both models.
     fn observed(&self, observed: &[Observed]) -> Option<Plot> {
         let first = observed.first()?.key;
-        let camera = &self.outcome.after.camera;
-        let scale = self.session.holdout.values.get(&first)?.scale;
+        let camera = &self.diagnosis.outcome.after.camera;
+        let scale = self.diagnosis.measured.holdout.values.get(&first)?.scale;
         let value = |v: f64| match scale {
             Scale::Linear | Scale::Count => v,
             Scale::Log => libm::exp(v),
@@ -157,7 +162,7 @@ impl<'a> Maps<'a> {
 
     /// Names of the places of a statistic: captures, or numbers as in the table below.
     fn names(&self, observed: &[Observed]) -> Vec<(f64, String)> {
-        let design = &self.session.holdout.design;
+        let design = &self.diagnosis.measured.holdout.design;
         let name = |(i, s): (usize, &Observed)| {
             let name = match s.key.0 {
                 Place::Stack(at) => {
@@ -282,7 +287,7 @@ fn profile(planes: &Planes, of_columns: bool) -> Plot {
         false => String::new(),
     };
     plot.note(&format!(
-        "A pattern is the sensor's own: the model predicts its width, not its course.{part}"
+        "A pattern is the sensor's own: the model predicts its width, not its values.{part}"
     ));
     plot
 }

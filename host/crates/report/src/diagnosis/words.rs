@@ -3,8 +3,7 @@
 use crate::emva::capitalised;
 use crate::numbers::{amount, spoken_unit};
 use camrig_camera::EffectKind;
-use camrig_diagnose::finding::{EMPIRICAL, Form};
-use camrig_diagnose::report::{Parameter, Step};
+use camrig_diagnose::report::{EMPIRICAL, Form, Parameter, Step};
 use camrig_diagnose::statistics::maps::MapKind;
 use camrig_diagnose::statistics::statistic::{Figure, Key, Place, What};
 

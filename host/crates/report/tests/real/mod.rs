@@ -3,11 +3,7 @@
 use camrig_camera::{Camera, EffectKind};
 use camrig_capture::{plan, take};
 use camrig_captures::CaptureSet;
-use camrig_clean::Cleaned;
-use camrig_diagnose::data::design;
-use camrig_diagnose::search::{Session, run};
-use camrig_diagnose::verdict;
-use camrig_diagnose::verdict::improved::{self, Standalone};
+use camrig_diagnose::{Options, diagnose};
 use camrig_report::{datasheet, diagnosis, emva};
 use camrig_sensor_core::effects::{amp_glow::AmpGlow, column_offset_fpn::ColumnOffsetFpn};
 use camrig_validate::datasheet::Datasheet;
@@ -42,23 +38,13 @@ pub fn diagnosed() -> (String, String) {
     built.effects.push(AmpGlow { rate_e_per_s: 900.0, x: 1.0, y: 0.05, width: 0.35 }.into());
     built.effects.push(ColumnOffsetFpn { sigma_e: 9.0 }.into());
     let folder = tempfile::tempdir().unwrap();
-    let cleaned =
-        Cleaned::new(taken(&built, "ptc", &folder.path().join("set")), &Default::default())
-            .unwrap();
-    let set = cleaned.set();
-    let counts: Vec<usize> = set.captures.iter().map(|c| set.count(c).unwrap()).collect();
-    let halves = design::divide(&model, set, &counts).unwrap();
-    let session = Session::open(&model, &cleaned, halves, &|_| ()).unwrap();
-    let outcome = run(&session, &model, &[], &|_| ()).unwrap();
-    let found = verdict::report(&session, &outcome);
-    let after = &outcome.after;
-    let given = Standalone { text: model.text.clone(), tables: Vec::new() };
-    let text = improved::camera_file(given, &after.camera, &after.named).unwrap().text;
-    let added = improved::additions(&model.text, &text, &after.named).unwrap();
+    let set = taken(&built, "ptc", &folder.path().join("set"));
+    let found = diagnose(&model, set, &Options::default()).unwrap();
+    let improved = found.improved_file("mt9v024").unwrap();
     let command = "camrig diagnose mt9v024 captures -o diagnosis";
-    let page = diagnosis::page(&session, &outcome, &found, [&text, &added], command).unwrap();
-    for step in &found.steps {
+    let page = diagnosis::page(&found, &improved, command).unwrap();
+    for step in &found.report.steps {
         assert!(EffectKind::all().any(|kind| kind.kind == step.effect), "{}", step.effect);
     }
-    (page, found.json())
+    (page, found.report.json())
 }

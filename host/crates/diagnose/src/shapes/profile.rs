@@ -1,36 +1,37 @@
-//! Offsets and dark current that change smoothly along columns or rows, whatever their law: a glow
-//! of several edges, a kick at the start of each row that every frame has.
+//! Smooth profiles of offset or dark current along columns or rows, of any form: glow at several
+//! edges, a transient at the start of each row in every frame.
 //!
 //! The means of a map's columns (rows) are fitted by a line and cosines. Each mean is one
-//! observation, so that what columns have of their own is noise; the line is the catalogue's, as
-//! `dark-current-gradient` has it.
+//! observation, so that differences of single columns are noise; the line is left to the
+//! catalogue's `dark-current-gradient`.
 
-use crate::seen::Seen;
-use crate::stage;
-use crate::view::{View, change_mean, gain, robust_sd};
-use crate::{FALSE_ALARMS, Shape, shapes};
+use super::seen::Seen;
+use super::stage;
+use super::view::{View, change_mean, gain, robust_sd};
+use super::{FALSE_ALARMS, Shape, shapes};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::MapKind;
+use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Curve, Empirical, Table};
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::statistics::maps::MapKind;
-use camrig_diagnose::statistics::temporal::Temporal;
 use camrig_sensor_core::effects::empirical::Quantity;
 use std::f64::consts::PI;
 
 /// Maps that are searched, each along both axes.
 const MAPS: [MapKind; 2] = [MapKind::DarkCurrent, MapKind::Offset];
-/// Cosines of a profile: of a smooth one, and of one that is steep at an edge.
+/// Numbers of cosines: for a smooth profile, and for one that is steep at an edge.
 const COSINES: [usize; 2] = [6, 19];
 /// Lines that a profile needs for each of its cosines.
-const LINES_PER_COSINE: usize = 3;
-/// Places that are searched: maps, axes, numbers of cosines.
-const SEARCHED: f64 = 8.0;
-/// Pixels further than this from the profile, robust standard deviations, are left out.
-const OUTLYING: f64 = 4.0;
-/// Rounds in which these are found.
+const MIN_LINES_PER_COSINE: usize = 3;
+/// Comparisons: maps, axes, numbers of cosines.
+const COMPARISONS: f64 = 8.0;
+/// Robust standard deviations from the profile beyond which a pixel is an outlier.
+const OUTLIER_Z: f64 = 4.0;
+/// Rounds in which outliers are found.
 const ROUNDS: usize = 3;
 /// Knots of the stage's table, at most.
 const KNOTS: usize = 64;
@@ -53,14 +54,14 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     shapes(places.filter_map(|(kind, over_columns)| profile(fit, held_out, kind, over_columns)))
 }
 
-/// Means of a map's lines in the unit that is told, without outlying pixels.
+/// Means of a map's lines in the unit of findings, without outliers.
 fn line_means(view: &View<'_>, kind: MapKind, over_columns: bool) -> Option<Vec<f64>> {
     let map = view.about_median(view.plane(kind)?);
     let n = if over_columns { map.width } else { map.height };
     let mut means = vec![0.0; n];
     for _ in 0..ROUNDS {
         let rest = about(&map, over_columns, &means);
-        let limit = OUTLYING * robust_sd(&rest);
+        let limit = OUTLIER_Z * robust_sd(&rest);
         let (mut sums, mut counts) = (vec![0.0; n], vec![0.0; n]);
         for (i, (v, r)) in map.data.iter().zip(&rest).enumerate() {
             if f64::from(r.abs()) <= limit {
@@ -81,7 +82,7 @@ fn line(i: usize, width: usize, over_columns: bool) -> usize {
     if over_columns { i % width } else { i / width }
 }
 
-/// A map less a value for each line.
+/// A map minus a value for each line.
 fn about(map: &Plane<f32>, over_columns: bool, lines: &[f64]) -> Vec<f32> {
     let of = |(i, v): (usize, &f32)| v - lines[line(i, map.width, over_columns)] as f32;
     map.data.iter().enumerate().map(of).collect()
@@ -96,7 +97,7 @@ fn slope(profile: &[f64]) -> Vec<f64> {
     (0..profile.len()).map(|i| by * at(i)).collect()
 }
 
-/// What the first cosines hold of a profile; over whole lines they are orthogonal.
+/// Projection of a profile onto the first cosines, which are orthogonal over whole lines.
 fn smooth(profile: &[f64], cosines: usize) -> Vec<f64> {
     let n = profile.len() as f64;
     let mut out = vec![0.0; profile.len()];
@@ -127,12 +128,12 @@ fn profile(
     let b = line_means(held_out, kind, over_columns)?;
     let n = a.len() as f64;
     let (line_a, line_b) = (slope(&a), slope(&b));
-    let least = -2.0 * libm::log(FALSE_ALARMS / SEARCHED);
+    let least = -2.0 * libm::log(FALSE_ALARMS / COMPARISONS);
     let of = |cosines: usize| {
         let bent = smooth(&less(&a, &line_a), cosines);
         let values: Vec<f64> = line_a.iter().zip(&bent).map(|(l, c)| l + c).collect();
         let rest = less(&a, &values);
-        // Schwarz's ln n for each cosine; none was fitted to the held-out frames.
+        // ln n for each cosine (Schwarz 1978); none was fitted to the held-out frames.
         let straight = [square(&less(&a, &line_a)), square(&less(&b, &line_b))];
         let evidence = [
             n * libm::log(straight[0] / square(&rest)) - cosines as f64 * libm::log(n),
@@ -144,7 +145,7 @@ fn profile(
     };
     COSINES
         .into_iter()
-        .filter(|cosines| cosines * LINES_PER_COSINE <= a.len())
+        .filter(|cosines| cosines * MIN_LINES_PER_COSINE <= a.len())
         .map(of)
         .filter(|p| p.evidence.iter().all(|e| *e > least))
         .max_by(|p, q| p.evidence[0].total_cmp(&q.evidence[0]))
@@ -156,14 +157,14 @@ impl Profile {
         self.values.get(if self.over_columns { x } else { y }).copied().unwrap_or(0.0)
     }
 
-    /// The greatest value and the least, with their lines.
+    /// The largest and the smallest value, with their lines.
     fn ends(&self) -> [(usize, f64); 2] {
         let all = || self.values.iter().copied().enumerate();
         let greatest = all().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
         [greatest, all().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default()]
     }
 
-    /// The profile over a base as knots, and the largest of its values.
+    /// The profile above a base as knots, and its largest value.
     fn table(&self, base: f64) -> (Table, f64) {
         let last = self.values.len().saturating_sub(1);
         let count = self.values.len().min(KNOTS);
@@ -186,7 +187,7 @@ impl Profile {
 }
 
 impl Shape for Profile {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         let shortest = stage::shortest_s(design);
         for (c, t) in design.conditions.iter().zip(stacks) {
             let k = gain(camera, c);
@@ -217,7 +218,7 @@ impl Shape for Profile {
             let (table, amount) = self.table(0.0);
             return vec![Empirical::new(Quantity::Offset, table, amount)];
         }
-        // What is below the mean was the mean's before.
+        // What is below the mean was part of the camera's mean dark current.
         let [_, (_, least)] = self.ends();
         let taken = stage::take_dark(camera, design, -least);
         let (table, amount) = self.table(-taken);
@@ -268,8 +269,8 @@ impl Shape for Profile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{HEIGHT, Hidden, Shot, WIDTH, shoot};
-    use camrig_diagnose::statistics::maps;
+    use crate::shapes::bench::{HEIGHT, Hidden, Shot, WIDTH, shoot};
+    use crate::statistics::maps;
 
     fn found(rate: &dyn Fn(f64, f64) -> f64) -> Vec<Finding> {
         let charge = |e: &mut [f64], shot: &mut Shot<'_>| {
@@ -280,7 +281,7 @@ mod tests {
         let bench = shoot(71, &Hidden { charge: Some(&charge), ..Hidden::default() });
         let shapes = find(&bench.view(0), &bench.view(1));
         let mut stacks = bench.stacks[0].clone();
-        shapes.iter().for_each(|s| s.take_out(&bench.camera, &bench.design, &mut stacks));
+        shapes.iter().for_each(|s| s.subtract(&bench.camera, &bench.design, &mut stacks));
         let maps = maps::maps(&bench.camera, &bench.design, &stacks);
         let rest = View { maps: &maps, stacks: &stacks, ..bench.view(0) };
         assert!(find(&rest, &bench.view(1)).is_empty(), "taken out, nothing is left");

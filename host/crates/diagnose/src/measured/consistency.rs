@@ -24,7 +24,7 @@ const MIN_STACKS: usize = 5;
 const MAX_OFF: usize = 2;
 /// Share of saturated samples from which a flat's mean and noise are not those of its light.
 pub(super) const SATURATED: f64 = 0.01;
-/// Variance of shot noise over that of read noise and rounding from which a stack's noise tells
+/// Variance of shot noise over that of read noise and rounding from which a stack's noise determines
 /// its gain.
 const SHOT_NOISE_LIMITED: f64 = 2.0;
 /// Differences of neighbouring pixels are clipped at this multiple of their median magnitude, so
@@ -35,7 +35,7 @@ const PATTERN_STANDS_OUT: f64 = 20.0;
 /// Share of the expected covariance below which two patterns are those of different sensors.
 const SAME_PATTERN: f64 = 0.3;
 
-/// Checks that the stacks can be what the manifest says.
+/// Checks that the stacks are consistent with the manifest.
 ///
 /// # Errors
 /// A stack that contradicts the others; flats that are all saturated; flats whose fixed patterns
@@ -97,7 +97,7 @@ pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()
 }
 
 /// Variance of the noise that a camera has in the dark, e⁻²: of its read noise, and of stages that
-/// stand for it or are beside it.
+/// replace or add to it.
 fn read_variance_e2(camera: &Camera) -> f64 {
     let of_stages = camera.effects.iter().filter_map(|effect| match effect {
         Effect::Empirical(e) if e.quantity() == Quantity::Temporal => Some(f64::from(e.amount)),
@@ -152,7 +152,7 @@ fn same_sensor(camera: &Camera, flats: &[(&Condition, &Temporal)], black: f64) -
     let pattern = |v: &[f64], t: &Temporal| (product(v, v) - noise(t)).max(0.0);
     let expected = (pattern(&x, a) * pattern(&y, b)).sqrt();
     let scatter = (product(&x, &x) * product(&y, &y) / x.len() as f64).sqrt();
-    // Where each flat has a pattern of its own that stands out, and nothing of it is in the other.
+    // Where each flat has a significant pattern that is absent from the other.
     if expected > PATTERN_STANDS_OUT * scatter && product(&x, &y) < SAME_PATTERN * expected {
         return Err(Error::disagreement("their fixed patterns are not the same")
             .at(format!("captures {:?} and {:?}", first.stack.id, second.stack.id))

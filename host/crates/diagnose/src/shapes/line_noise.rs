@@ -1,39 +1,41 @@
-//! Noise common to a row, or a column, whose size grows with the signal: a supply that the line
-//! loads, a light that flickers faster than lines are read.
+//! Noise common to a row, or a column, that grows with the signal: a supply that the line loads, a
+//! light that flickers faster than lines are read.
 //!
-//! The variance of line means beside white noise is c₀ + c₁ (s/S)^(2e) over the stacks, s the
-//! signal and S that of the brightest, by weighted least squares with the errors of the fitted
-//! law. Without c₁ it is the catalogue's `row-temporal-noise` or `column-temporal-noise`; a
-//! spectrum that is not flat is its `flicker-banding` or `row-correlated-noise`.
+//! The variance of line means in excess of white noise is c₀ + c₁ (s/S)^(2e) over the stacks, with
+//! s the signal and S that of the brightest, by weighted least squares with the errors of the fit.
+//! Without c₁ it is the catalogue's `row-temporal-noise` or `column-temporal-noise`; with a
+//! spectrum that is not flat it is `flicker-banding` or `row-correlated-noise`.
 
-use crate::seen::Seen;
-use crate::view::View;
-use crate::{FALSE_ALARMS, Shape, shapes};
+use super::seen::Seen;
+use super::view::View;
+use super::{FALSE_ALARMS, Shape, shapes};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps;
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Table};
 use camrig_captures::Role;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::statistics::maps;
-use camrig_diagnose::statistics::statistic::{Key, Place, What};
-use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use camrig_sensor_core::effects::empirical::Quantity;
 
-/// Exponents on the signal that are tried, in steps of 0.05: from where the law hardly differs
+/// Exponents of the signal that are tried, in steps of 0.05; below them the model hardly differs
 /// from a constant.
 const EXPONENTS: std::ops::RangeInclusive<u32> = 5..=32;
 const EXPONENT_STEP: f64 = 0.05;
-/// Rise of χ² within which an exponent of ½ or 1 is taken: 2.4 standard deviations.
-const SIMPLE: f64 = 6.0;
-/// Standard errors from which the held-out frames show the part that grows.
-const SEEN_AGAIN: f64 = 4.0;
-/// Correlation of neighbouring lines from which the noise is not white over lines.
-const NOT_WHITE: f64 = 0.1;
-/// Share of the growing part's variance below which a constant part is none.
-const NO_CONSTANT: f64 = 0.02;
-/// Stacks, flats among them, without which no exponent is told.
-const LEAST: (usize, usize) = (4, 3);
+/// Increase of χ² up to which an exponent is rounded to ½ or 1: 2.4 standard deviations.
+const ROUNDING_CHI2: f64 = 6.0;
+/// Standard errors from which the held-out frames confirm the part that grows.
+const CONFIRMED_Z: f64 = 4.0;
+/// Correlation of neighbouring lines above which the noise is not white over lines.
+const MAX_CORRELATION: f64 = 0.1;
+/// Fraction of the growing part's variance below which the constant part is negligible.
+const NEGLIGIBLE: f64 = 0.02;
+/// Fewest stacks, and flats among them, from which an exponent is estimated.
+const MIN_STACKS: usize = 4;
+const MIN_FLATS: usize = 3;
 
 /// Which lines the noise is common to.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -50,12 +52,12 @@ pub(crate) struct LineNoise {
     sigma_e: Estimated,
     /// S, e⁻.
     brightest_e: f64,
-    /// Whether there is no part that is the same in all stacks.
+    /// Whether there is no constant part.
     alone: bool,
     evidence: [f64; 2],
 }
 
-/// Excess of the variance of line means, e², at a signal, e⁻, with what white noise gives it.
+/// Excess of the variance of line means, e², at a signal, e⁻, and the variance due to white noise.
 struct Point {
     signal_e: f64,
     excess: f64,
@@ -81,8 +83,7 @@ fn points(view: &View<'_>, lines: Lines) -> Option<Vec<Point>> {
         let unit = view.gain(i).powi(2);
         let pixel = mean(&t.pixel_variance) / across as f64 / unit;
         let ratio = view.predicted((Place::Stack(i), what))?;
-        // Frames that were smoothed have less noise of pixels than light has, and their lines no
-        // more than theirs.
+        // Smoothed frames have less pixel noise than shot noise, and no excess in their lines.
         let predicted = view.predicted((Place::Stack(i), What::Variance(0)))?;
         let pixel = pixel.max(predicted / across as f64 / unit);
         let bins = power.len() as f64;
@@ -102,21 +103,21 @@ fn points(view: &View<'_>, lines: Lines) -> Option<Vec<Point>> {
     }
     let flats = out.iter().filter(|p| p.signal_e > 0.0).count();
     let white = lines == Lines::Columns
-        || (lag / all).abs() < NOT_WHITE.max(SEEN_AGAIN / samples.max(1.0).sqrt());
-    (out.len() >= LEAST.0 && flats >= LEAST.1 && white).then_some(out)
+        || (lag / all).abs() < MAX_CORRELATION.max(CONFIRMED_Z / samples.max(1.0).sqrt());
+    (out.len() >= MIN_STACKS && flats >= MIN_FLATS && white).then_some(out)
 }
 
-/// Both parts of the law, the second with its standard error.
+/// Both coefficients, the second with its standard error.
 struct Law {
     constant: f64,
     growing: Estimated,
 }
 
-/// c₀ and c₁ of an exponent; only c₀ for none.
+/// c₀ and c₁ for an exponent; only c₀ without one.
 fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
     let of = |p: &Point| exponent.map_or(0.0, |e| libm::pow(p.signal_e / brightest, 2.0 * e));
     let mut law = Law { constant: 0.0, growing: Estimated { value: 0.0, se: f64::NAN } };
-    // The errors are those of the law itself: three passes settle them.
+    // The errors follow from the fit itself: they converge in three passes.
     for pass in 0..3 {
         let sd = |p: &Point| {
             let fitted = match pass {
@@ -150,8 +151,7 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
     let (a, b) = (points(fit, lines)?, points(held_out, lines)?);
     let brightest = a.iter().map(|p| p.signal_e).fold(0.0, f64::max);
     let exponents: Vec<f64> = EXPONENTS.map(|i| f64::from(i) * EXPONENT_STEP).collect();
-    // What one law predicts is judged on the same errors: the greater errors of a law with more
-    // noise are paid for by their logarithm.
+    // By likelihood, in which larger errors of a model with more noise cost their logarithm.
     let constant = log_likelihood(&a, brightest, &law(&a, brightest, None), 1.0);
     let tried: Vec<(f64, Law, f64)> = exponents
         .iter()
@@ -164,12 +164,14 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
     let best = tried.iter().map(|t| t.2).fold(f64::INFINITY, f64::min);
     let chosen = tried
         .iter()
-        .filter(|t| [0.5, 1.0].iter().any(|s| (t.0 - s).abs() < 1e-9) && t.2 < best + SIMPLE)
+        .filter(|t| {
+            [0.5, 1.0].iter().any(|s| (t.0 - s).abs() < 1e-9) && t.2 < best + ROUNDING_CHI2
+        })
         .min_by(|x, y| x.2.total_cmp(&y.2))
         .or_else(|| tried.iter().min_by(|x, y| x.2.total_cmp(&y.2)))?;
     let within: Vec<f64> = tried.iter().filter(|t| t.2 < best + 1.0).map(|t| t.0).collect();
     let spread = within.last()? - within.first()?;
-    // Two parameters more: χ² of two degrees of freedom, for two axes.
+    // Two more parameters: χ² with two degrees of freedom, for two axes.
     let limit = -2.0 * libm::log(FALSE_ALARMS / 2.0);
     let again = law(&b, brightest, Some(chosen.0));
     let evidence = [
@@ -177,7 +179,7 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
         log_likelihood(&b, brightest, &law(&b, brightest, None), 1.0)
             - log_likelihood(&b, brightest, &again, chosen.0),
     ];
-    if evidence[0] < limit || again.growing.z() < SEEN_AGAIN {
+    if evidence[0] < limit || again.growing.z() < CONFIRMED_Z {
         return None;
     }
     let variance = (chosen.1.growing.value + again.growing.value) / 2.0;
@@ -188,12 +190,12 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
         exponent: Estimated { value: chosen.0, se: spread / 2.0 + EXPONENT_STEP / 4.0 },
         sigma_e: Estimated { value: sigma, se: se / (2.0 * sigma) },
         brightest_e: brightest,
-        alone: chosen.1.constant < NO_CONSTANT * chosen.1.growing.value,
+        alone: chosen.1.constant < NEGLIGIBLE * chosen.1.growing.value,
         evidence,
     })
 }
 
-/// Twice the negative log-likelihood of mean squares under a law.
+/// Twice the negative log-likelihood of mean squares under a model.
 fn log_likelihood(points: &[Point], brightest: f64, law: &Law, exponent: f64) -> f64 {
     let of = |p: &Point| libm::pow(p.signal_e / brightest, 2.0 * exponent);
     let one = |p: &Point| {
@@ -204,9 +206,9 @@ fn log_likelihood(points: &[Point], brightest: f64, law: &Law, exponent: f64) ->
 }
 
 impl Shape for LineNoise {
-    fn take_out(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
+    fn subtract(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
 
-    fn sets_aside(&self, design: &Design, key: &Key) -> bool {
+    fn shows_in(&self, design: &Design, key: &Key) -> bool {
         let (Place::Stack(i), what) = *key else { return false };
         let own = match self.lines {
             Lines::Rows => {
@@ -282,7 +284,7 @@ impl Shape for LineNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{Hidden, Shot, WIDTH, figure, shoot};
+    use crate::shapes::bench::{Hidden, Shot, WIDTH, figure, shoot};
 
     #[test]
     fn row_noise_that_grows_with_the_signal_is_told_from_one_that_does_not() {

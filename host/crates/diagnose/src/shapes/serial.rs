@@ -1,57 +1,61 @@
-//! Noise that follows itself from pixel to pixel along rows (an amplifier too slow for the pixel
-//! rate) or down columns (a column's amplifier that remembers), alike in the dark and in light.
+//! Noise that is serially correlated from pixel to pixel along rows (an amplifier too slow for the
+//! pixel rate) or down columns (a column amplifier with memory), equal in the dark and in light.
 //!
-//! The power of the residuals over frequency, mean over the other axis, is W + A S(r), S the
-//! expected periodogram of r^|Δ| over a line of n pixels: Σ (1 − |Δ|/n) r^|Δ| cos(2πkΔ/n), exact at
-//! all frequencies but 0, which the residuals do not have. By Whittle's likelihood (1953), W of
-//! each stack free, r and A common.
+//! The power of the residuals over frequency, averaged over the other axis, is W + A S(r), with S
+//! the expected periodogram of r^|Δ| over a line of n pixels, Σ (1 − |Δ|/n) r^|Δ| cos(2πkΔ/n),
+//! exact at all frequencies but 0, which the residuals do not have. W of each stack, r and A are
+//! fitted by Whittle's likelihood (1953).
 
-use crate::seen::Seen;
-use crate::view::{View, gain};
-use crate::{FALSE_ALARMS, Shape, shapes};
+use super::seen::Seen;
+use super::view::{View, gain};
+use super::{FALSE_ALARMS, Shape, shapes};
+use crate::data::design::Design;
+use crate::evidence::{Estimated, pooled};
+use crate::finding::{Finding, number};
+use crate::numerics::minimise::minimum;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps;
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
 use camrig_base::median::median;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Along, Empirical, Noise, Table};
 use camrig_captures::Role;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::{Estimated, pooled};
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::numerics::minimise::minimum;
-use camrig_diagnose::statistics::maps;
-use camrig_diagnose::statistics::statistic::{Key, Place, What};
-use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use camrig_sensor_core::effects::empirical::Quantity;
 use std::f64::consts::{SQRT_2, TAU};
 
-/// Correlations tried: from noise that alternates to one that hardly changes over a frame.
-const CORRELATIONS: (f64, f64) = (-0.5, 0.975);
-/// Correlations tried, equally apart.
-const TRIED: usize = 119;
-/// Half of the band about 0 that is left out: such a correlation of neighbours alone is white
-/// noise to the accuracy of its amount.
-const NONE: f64 = 0.03;
-/// A bin is clipped at so many standard deviations of white noise: lines are no continuum.
+/// Range of correlations: from alternating noise to noise that hardly changes over a frame.
+const MIN_CORRELATION: f64 = -0.5;
+const MAX_CORRELATION: f64 = 0.975;
+/// Number of correlations tried, in equal steps.
+const CORRELATIONS: usize = 119;
+/// Correlations smaller than this are left out: they cannot be distinguished from white noise.
+const NEGLIGIBLE: f64 = 0.03;
+/// Standard deviations of white noise at which a bin is clipped: lines are not part of the
+/// continuum.
 const CLIP: f64 = 6.0;
-/// Standard errors, and factor, by which the amount in flats may pass that in the dark.
-const GROWS: (f64, f64) = (5.0, 1.5);
-/// Correlation from which a length says more than the correlation itself: over 1.4 pixels.
-const LONG: f64 = 0.5;
-/// Distances over which it is shown.
+/// Standard errors by which the amount in flats may exceed that in the dark.
+const MAX_GROWTH_Z: f64 = 5.0;
+/// Factor by which the amount in flats may exceed that in the dark.
+const MAX_GROWTH: f64 = 1.5;
+/// Correlation from which a length is reported instead, over 1.4 pixels.
+const MIN_LENGTH_CORRELATION: f64 = 0.5;
+/// Lags that are plotted.
 const SHOWN_LAGS: usize = 24;
-/// Share of the evidence that the held-out frames must give.
-const HELD_OUT: f64 = 0.25;
-/// Frequencies without which a line tells nothing.
+/// Fraction of the evidence that the held-out frames must have.
+const MIN_CONFIRMED: f64 = 0.25;
+/// Fewest frequencies of a line.
 const MIN_BINS: usize = 8;
-/// Turns of the golden section: 5·10⁻⁴ of the range.
-const TURNS: usize = 16;
-/// Passes in which the weights of a fit settle.
+/// Iterations of the golden-section search: 5·10⁻⁴ of the range.
+const ITERATIONS: usize = 16;
+/// Passes in which the weights of a fit converge.
 const PASSES: usize = 4;
-/// Standard errors of the free fit within which that with known white noise is sought.
-const KNOWN_WITHIN: f64 = 8.0;
-/// Standard errors from which the held-out frames show it.
-const SEEN_AGAIN: f64 = 4.0;
+/// Standard errors of the free fit within which the fit with known white noise is searched for.
+const SEARCH_Z: f64 = 8.0;
+/// Standard errors from which the held-out frames confirm it.
+const CONFIRMED_Z: f64 = 4.0;
 
-/// Noise that follows itself.
+/// Serially correlated noise.
 pub(crate) struct Serial {
     /// Whether along rows; down columns otherwise.
     along_rows: bool,
@@ -59,9 +63,8 @@ pub(crate) struct Serial {
     amount_e: Estimated,
     /// Pixels of a line.
     length: usize,
-    /// Whether it is noise beside the model's read noise, rather than the way that this follows
-    /// itself.
-    beside: bool,
+    /// Whether it is additional noise, rather than the correlation of the model's read noise.
+    additional: bool,
     evidence: [f64; 2],
 }
 
@@ -71,7 +74,7 @@ struct Spectrum {
     bins: f64,
     length: usize,
     flat: bool,
-    /// What dark charge and rounding give, e².
+    /// Variance of dark charge and rounding, e².
     white: f64,
 }
 
@@ -107,8 +110,8 @@ fn spectra(view: &View<'_>, along_rows: bool) -> Vec<Spectrum> {
     view.stacks.iter().enumerate().filter_map(of).collect()
 }
 
-/// Mean of powers over `dof` frames, those clipped that stand out from their middle: a line is no
-/// continuum.
+/// Mean of powers over `dof` frames, with bins that exceed their median clipped: lines are not part
+/// of the continuum.
 fn clipped_mean(mut powers: Vec<f64>, dof: f64) -> f64 {
     let middle = median(&mut powers, f64::total_cmp);
     let limit = middle * (1.0 + CLIP / dof.max(1.0).sqrt());
@@ -141,7 +144,7 @@ fn of_mean(r: f64, length: usize) -> f64 {
     (1.0 + pairs.sum::<f64>()) / n
 }
 
-/// A of a spectrum under a shape, and twice the gain in log-likelihood over W alone.
+/// A of a spectrum for a given S, and twice the gain in log-likelihood over W alone.
 struct Fit {
     amount: Estimated,
     gain: f64,
@@ -151,7 +154,7 @@ fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
     let n = s.power.len() as f64;
     let flat = s.power.iter().sum::<f64>() / n;
     let (mut white, mut amount, mut se) = (flat, 0.0, f64::NAN);
-    // Weights of the fitted spectrum: four passes settle them.
+    // Weights of the fitted spectrum, which converge in four passes.
     for _ in 0..PASSES {
         let [mut one, mut x, mut xx, mut y, mut xy] = [0.0; 5];
         for (p, s1) in s.power.iter().zip(shape) {
@@ -177,29 +180,29 @@ fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
     Fit { amount: Estimated { value: amount, se }, gain: gain.sum() }
 }
 
-/// The correlation of darks that is likeliest, or nothing where chance gives it or the held-out
-/// frames do not.
+/// The most likely correlation of the darks; none where it is not significant or the held-out
+/// frames do not confirm it.
 fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Estimated, [f64; 2])> {
     let (bins, length) = (a.first()?.power.len(), a.first()?.length);
-    let (from, to) = CORRELATIONS;
-    let step = (to - from) / (TRIED - 1) as f64;
-    let all = (0..TRIED).map(|i| from + step * i as f64);
-    let tried: Vec<f64> = all.filter(|r| r.abs() > NONE).collect();
+    let (from, to) = (MIN_CORRELATION, MAX_CORRELATION);
+    let step = (to - from) / (CORRELATIONS - 1) as f64;
+    let all = (0..CORRELATIONS).map(|i| from + step * i as f64);
+    let tried: Vec<f64> = all.filter(|r| r.abs() > NEGLIGIBLE).collect();
     let gain = |spectra: &[Spectrum], r: f64| {
         let shape = periodogram(r, length, bins);
         spectra.iter().filter(|s| !s.flat).map(|s| fit(s, &shape).gain).sum::<f64>()
     };
     let gains: Vec<f64> = tried.iter().map(|&r| gain(a, r)).collect();
     let best = (0..tried.len()).max_by(|&i, &j| gains[i].total_cmp(&gains[j]))?;
-    // χ² of two degrees of freedom on two axes, and Schwarz's ln n for each of the two.
+    // χ² with two degrees of freedom on two axes, and ln n for each of the two (Schwarz 1978).
     let samples = a.iter().filter(|s| !s.flat).map(|s| s.bins * bins as f64).sum::<f64>();
     let limit = 2.0 * (libm::log(samples) - libm::log(FALSE_ALARMS / 2.0));
     let held = gain(b, tried[best]);
-    if gains[best] < limit || held < HELD_OUT * gains[best] {
+    if gains[best] < limit || held < MIN_CONFIRMED * gains[best] {
         return None;
     }
     let (low, high) = (tried[best] - step, tried[best] + step);
-    let r = minimum(low, high, TURNS, |r| -gain(a, r) - gain(b, r));
+    let r = minimum(low, high, ITERATIONS, |r| -gain(a, r) - gain(b, r));
     let within = tried.iter().zip(&gains).filter(|(_, g)| **g > gains[best] - 1.0);
     let (low, high) = within.fold((r, r), |(l, h), (r, _)| (l.min(*r), h.max(*r)));
     // Of both halves together.
@@ -207,8 +210,8 @@ fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Estimated, [f64; 2])> {
     Some((Estimated { value: r, se }, [gains[best], held]))
 }
 
-/// Correlation and amount where nothing but dark charge and rounding is white: much better known
-/// than beside white noise of any amount.
+/// Correlation and amount if only dark charge and rounding are white, which determines them much
+/// better than with white noise of an unknown amount.
 fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estimated) {
     let length = spectra[0].length;
     let bins = spectra[0].power.len();
@@ -237,10 +240,10 @@ fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estim
         });
         (cost.sum::<f64>(), amount)
     };
-    let reach = KNOWN_WITHIN * near.se;
-    let r = minimum(near.value - reach, near.value + reach, TURNS, |r| of(r).0);
+    let reach = SEARCH_Z * near.se;
+    let r = minimum(near.value - reach, near.value + reach, ITERATIONS, |r| of(r).0);
     let (cost, amount) = of(r);
-    // Curvature of the log-likelihood: it rises by (d/se)² over a distance d.
+    // From the curvature of the log-likelihood, which increases by (d/se)² over a distance d.
     let d = near.se / 2.0;
     let rise = ((of(r - d).0 + of(r + d).0) / 2.0 - cost).max(1e-9);
     (Estimated { value: r, se: d / rise.sqrt() }, amount)
@@ -259,13 +262,15 @@ fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Seri
     };
     let again = amount(&b, false)?;
     let both = pooled([amount(&a, false)?, again])?;
-    if again.z() < SEEN_AGAIN {
+    if again.z() < CONFIRMED_Z {
         return None;
     }
-    // What grows with the light is charge or light that is shared, or frames that were processed.
+    // Correlation that grows with the light is crosstalk of charge or light, or processing.
     if let Some(light) = pooled([amount(&a, true), amount(&b, true)].into_iter().flatten()) {
         let more = light.value - both.value;
-        if more > GROWS.0 * libm::hypot(light.se, both.se) && light.value > GROWS.1 * both.value {
+        if more > MAX_GROWTH_Z * libm::hypot(light.se, both.se)
+            && light.value > MAX_GROWTH * both.value
+        {
             return None;
         }
     }
@@ -274,8 +279,8 @@ fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Seri
         mean(&fit_view.stacks[reference].pixel_variance) / fit_view.gain(reference).powi(2);
     let predicted = fit_view.predicted((Place::Stack(reference), What::Variance(0)));
     let predicted = predicted.map_or(variance, |v| v / fit_view.gain(reference).powi(2));
-    let beside = variance - predicted > both.value / 2.0;
-    let (correlation, both) = if beside {
+    let additional = variance - predicted > both.value / 2.0;
+    let (correlation, both) = if additional {
         (correlation, both)
     } else {
         let darks: Vec<&Spectrum> = a.iter().chain(&b).filter(|s| !s.flat).collect();
@@ -287,18 +292,18 @@ fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Seri
         length,
         correlation,
         amount_e: Estimated { value: sigma, se: both.se / (2.0 * sigma) },
-        beside,
+        additional,
         evidence,
     })
 }
 
 impl Shape for Serial {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
-        if !self.beside {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+        if !self.additional {
             return;
         }
         for (c, t) in design.conditions.iter().zip(stacks) {
-            // Without what the mean of its line has.
+            // Without the variance of the line's mean.
             let mean_of_line = of_mean(self.correlation.value, self.length);
             let share = 1.0 - mean_of_line;
             let more = share * self.amount_e.value.powi(2) * gain(camera, c).powi(2);
@@ -311,7 +316,7 @@ impl Shape for Serial {
         }
     }
 
-    fn sets_aside(&self, _: &Design, (place, what): &Key) -> bool {
+    fn shows_in(&self, _: &Design, (place, what): &Key) -> bool {
         let correlated = matches!(
             what,
             What::Covariance(_)
@@ -329,22 +334,22 @@ impl Shape for Serial {
         );
         match place {
             Place::Stack(_) => correlated,
-            // What is left of it in the mean of the frames.
-            Place::Map(kind) => crate::view::IN_THE_DARK.contains(kind),
+            // Its residual in the mean of the frames.
+            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
             _ => false,
         }
     }
 
     fn stages(&self, camera: &mut Camera, _: &Design) -> Vec<Empirical> {
-        if !self.beside {
+        if !self.additional {
             // It is the read noise itself.
             camera.sensor.noise.read_e = 0.0;
             camera.sensor.noise.read_e_post = 0.0;
         }
         let r = self.correlation.value;
         let along = if self.along_rows { Along::Rows } else { Along::Columns };
-        // r^|Δ| by its first taps, exact to r⁸, or by its length.
-        let (taps, length) = match r > LONG {
+        // r^|Δ| by its first coefficients, exact to r⁸, or by its length.
+        let (taps, length) = match r > MIN_LENGTH_CORRELATION {
             true => (None, Some(-1.0 / libm::log(r))),
             false => (Some((0..4).map(|k| r.powi(k)).collect()), None),
         };
@@ -373,7 +378,7 @@ impl Shape for Serial {
         };
         let r = self.correlation;
         let mut parameters = vec![("correlation", r), ("sigma_e", self.amount_e)];
-        let reach = if r.value > LONG {
+        let reach = if r.value > MIN_LENGTH_CORRELATION {
             let length = -1.0 / libm::log(r.value);
             // dL/dr = L²/r.
             let length = Estimated { value: length, se: r.se * length * length / r.value };
@@ -383,8 +388,8 @@ impl Shape for Serial {
         } else {
             format!("correlation {} from pixel to pixel", number(r))
         };
-        let whose = match self.beside {
-            true => format!("{} e⁻ beside the read noise", number(self.amount_e)),
+        let whose = match self.additional {
+            true => format!("{} e⁻ in addition to the read noise", number(self.amount_e)),
             false => format!("the read noise itself, {} e⁻", number(self.amount_e)),
         };
         let what = if self.along_rows { "an amplifier" } else { "a column's amplifier" };
@@ -396,8 +401,8 @@ impl Shape for Serial {
             evidence: self.evidence,
             shown: None,
             description: format!(
-                "serial noise that follows itself {along}: {whose}, {reach}, alike in the dark and \
-                 in light ({what} that remembers the pixel before)",
+                "serially correlated noise {along}: {whose}, {reach}, equal in the dark and in \
+                 light ({what} with memory of the pixel before)",
             ),
         }]
     }
@@ -406,11 +411,11 @@ impl Shape for Serial {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
+    use crate::shapes::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
 
     #[test]
     fn noise_that_follows_itself_is_found_along_its_axis() {
-        // Along rows the read noise itself; down columns beside it.
+        // Along rows the read noise itself; down columns additional noise.
         let along = |e: &mut [f64], shot: &mut Shot<'_>| {
             for row in e.chunks_mut(WIDTH) {
                 let mut z = shot.normal();

@@ -1,23 +1,24 @@
-//! Plane waves that stand still from frame to frame: a clock that beats with the pixel rate and is
-//! locked to the frame.
+//! Plane waves that are stationary from frame to frame: interference of a clock with the pixel
+//! rate, locked to the frame.
 //!
 //! The catalogue's `periodic-pattern-noise` has a new phase in each frame, and
 //! `readout-channel-mismatch` repeats every 2, 4 or 8 lines; both are left to it.
 
-use crate::seen::Seen;
-use crate::stage;
-use crate::view::{View, change_mean, gain};
-use crate::{FALSE_ALARMS, Shape};
+use super::seen::Seen;
+use super::stage;
+use super::view::{View, change_mean, gain};
+use super::{FALSE_ALARMS, Shape};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::numerics::spectrum::{Background, Spectrum, Spectrum2};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
 use camrig_base::median::median;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Sine, Table, Wave as Waves};
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::numerics::spectrum::{Background, Spectrum, Spectrum2};
-use camrig_diagnose::statistics::maps::{self, MapKind};
-use camrig_diagnose::statistics::temporal::Temporal;
 use camrig_sensor_core::effects::empirical::Quantity;
 use std::f64::consts::{LN_2, PI, TAU};
 
@@ -28,17 +29,17 @@ const MAPS: [MapKind; 3] = [MapKind::Offset, MapKind::DarkCurrent, MapKind::Gain
 /// Lines after which every pattern of the catalogue repeats: readout channels of 2, 4 or 8 lines,
 /// lattices of 16.
 const CATALOGUED_PERIOD: f64 = 16.0;
-/// Part of a bin beside a frequency of the catalogue's patterns at which a wave that is not one of
-/// them has more power than there: one that is off by half as much.
-const BESIDE: f64 = 0.25;
-/// Share of a wave's amplitude in the frames to fit that those held out must show, at its phase.
-/// A wave with a new phase in each frame shows one of its own, and passes in one set of eight per
-/// map, before the stacks of each half are asked too.
-const SEEN_AGAIN: f64 = 0.75;
-/// Whole waves of line means over the sensor up to which they are smooth rather than a wave: laws
+/// Distance in bins from a frequency of the catalogue's patterns at which a wave that is not one of
+/// them, but differs in frequency by half as much, has more power than there.
+const DETUNING: f64 = 0.25;
+/// Fraction of a wave's amplitude that the held-out frames must have, at the same phase. The mean
+/// of a wave with a random phase in each frame passes in one set of eight per map, before the
+/// stacks of each half are compared too.
+const MIN_CONFIRMED: f64 = 0.75;
+/// Periods over the sensor up to which line means are a smooth profile rather than a wave: effects
 /// of the catalogue have two, and what is steep at an edge has more.
-const SMOOTH: usize = 4;
-/// Parts of a turn in which a wave is shown.
+const MAX_SMOOTH_PERIODS: usize = 4;
+/// Bins of the phase in which a wave is plotted.
 const PHASES: usize = 24;
 /// Halvings of the step with which a frequency is refined, from a quarter of a bin: 1/65536 of it.
 const HALVINGS: usize = 16;
@@ -80,7 +81,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     found
 }
 
-/// Sets the outermost pixels, which hold others' moments, to zero.
+/// Sets the outermost pixels, which are copies of others, to zero.
 fn clear_border(plane: &mut Plane<f32>, [across, down]: [usize; 2]) {
     let (w, h) = (plane.width, plane.height);
     for (i, v) in plane.data.iter_mut().enumerate() {
@@ -92,8 +93,8 @@ fn clear_border(plane: &mut Plane<f32>, [across, down]: [usize; 2]) {
     }
 }
 
-/// The strongest wave of a map, if chance does not give it and the held-out frames show it, after
-/// those that the catalogue has are taken out of both. The `border` is cleared.
+/// The strongest wave of a map, if it is significant and the held-out frames confirm it, after
+/// those of the catalogue are subtracted from both. The `border` is cleared.
 fn strongest(
     a: &mut Plane<f32>,
     b: &mut Plane<f32>,
@@ -106,7 +107,7 @@ fn strongest(
     if n < 1.0 {
         return None;
     }
-    // A bin of white pixels is exponential about its mean.
+    // The power of a bin of white noise has an exponential distribution.
     let limit = libm::log((MAPS.len() * h * (w / 2 + 1)) as f64 / FALSE_ALARMS);
     let (times, place) = loop {
         let (times, place) = highest_in_plane(a)?;
@@ -114,7 +115,7 @@ fn strongest(
             break (times, place);
         }
         for plane in [&mut *a, &mut *b] {
-            take_out(plane, catalogued(place), n, border);
+            subtract_sinusoid(plane, catalogued(place), n, border);
         }
     };
     // In the plane, along rows alone, along columns alone.
@@ -136,10 +137,10 @@ fn strongest(
     let [c, s] = amplitudes(a);
     let [held_c, held_s] = amplitudes(b);
     let amplitude = libm::hypot(c, s);
-    // Of the held-out frames, at the phase of those to fit.
+    // In the held-out frames, at the phase of those to fit.
     let again = (c * held_c + s * held_s) / amplitude;
     let other = (c * held_s - s * held_c) / amplitude;
-    if again < SEEN_AGAIN * amplitude || other.abs() > 0.5 * amplitude {
+    if again < MIN_CONFIRMED * amplitude || other.abs() > 0.5 * amplitude {
         return None;
     }
     let rest = |p: &Plane<f32>, a: f64| {
@@ -171,15 +172,15 @@ fn strongest(
     })
 }
 
-/// The frequency at which a map has most power over its background, and how many times as much; not
-/// those of lines.
+/// The frequency at which a map has most power over its background, and the ratio; not those of
+/// lines.
 fn highest_in_plane(map: &Plane<f32>) -> Option<(f64, [f64; 2])> {
     let (w, h) = (map.width, map.height);
     let bins = w / 2 + 1;
     let mut power = vec![0.0; h * bins];
     Spectrum2::new(w, h).add(&without_lines(map), &mut power);
     let background = Background::of(&power, w);
-    // The mean of an exponential law is its median over ln 2.
+    // The mean of an exponential distribution is its median over ln 2.
     let over = |i: usize| f64::from(power[i]) / f64::from(background.at(i)).max(1e-30) * LN_2;
     let searched = |i: &usize| i % bins > 1 && (i / bins).min(h - i / bins) > 1;
     let all = (0..power.len()).filter(searched);
@@ -192,7 +193,7 @@ fn signed(f: f64) -> f64 {
     if f > 0.5 { f - 1.0 } else { f }
 }
 
-/// Whether a frequency is one of patterns that the catalogue has, to a bin.
+/// Whether a frequency is that of a pattern of the catalogue, to a bin.
 fn is_catalogued(fx: f64, fy: f64, w: usize, h: usize) -> bool {
     let near = |f: f64, n: usize| {
         let lines = f * CATALOGUED_PERIOD;
@@ -206,8 +207,8 @@ fn catalogued(near: [f64; 2]) -> [f64; 2] {
     near.map(|f| (f * CATALOGUED_PERIOD).round() / CATALOGUED_PERIOD)
 }
 
-/// Takes the sinusoid of a frequency out of the `n` pixels of a map within its border.
-fn take_out(map: &mut Plane<f32>, [fx, fy]: [f64; 2], n: f64, border: [usize; 2]) {
+/// Subtracts the sinusoid of a frequency from the `n` pixels of a map within its border.
+fn subtract_sinusoid(map: &mut Plane<f32>, [fx, fy]: [f64; 2], n: f64, border: [usize; 2]) {
     // A checkerboard has no quadrature.
     let parts = if [fx, fy].iter().all(|f| (2.0 * f).fract() == 0.0) { 1.0 } else { 2.0 };
     let [c, s] = projection(map, [fx, fy]).map(|v| parts * v / n);
@@ -219,15 +220,17 @@ fn take_out(map: &mut Plane<f32>, [fx, fy]: [f64; 2], n: f64, border: [usize; 2]
     clear_border(map, border);
 }
 
-/// Whether the wave near a frequency repeats as the catalogue's patterns do: at that very frequency
-/// a map has more power than a part of a bin beside it.
+/// Whether the wave near a frequency repeats as the catalogue's patterns do: a map has more power
+/// at exactly that frequency than at frequencies nearby.
 fn repeats(map: &Plane<f32>, near: [f64; 2]) -> bool {
     let exact = catalogued(near);
     let power = |f: [f64; 2]| projection(map, f).iter().map(|v| v * v).sum::<f64>();
     let most = power(exact);
-    let beside = [BESIDE / map.width as f64, BESIDE / map.height as f64];
+    let detuning = [DETUNING / map.width as f64, DETUNING / map.height as f64];
     let moves = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
-    moves.iter().all(|(i, j)| power([exact[0] + i * beside[0], exact[1] + j * beside[1]]) < most)
+    moves
+        .iter()
+        .all(|(i, j)| power([exact[0] + i * detuning[0], exact[1] + j * detuning[1]]) < most)
 }
 
 /// A map without the means of its rows and columns.
@@ -279,14 +282,15 @@ fn line_means(map: &Plane<f32>) -> [Vec<f64>; 2] {
     [columns, rows]
 }
 
-/// The highest bin of line means that the catalogue has not, over what white lines have: how many
-/// times, and its frequency.
+/// The highest bin of line means that is not of the catalogue: its ratio to that of white lines,
+/// and its frequency.
 fn highest(lines: &[f64]) -> (f64, f64) {
     let n = lines.len();
     let power = Spectrum::of(lines);
     let middle = median(&mut power.clone(), f64::total_cmp).max(1e-30);
     let frequency = |i: usize| (i + 1) as f64 / n as f64;
-    let searched = (SMOOTH..power.len()).filter(|&i| !is_catalogued(frequency(i), 0.0, n, n));
+    let searched =
+        (MAX_SMOOTH_PERIODS..power.len()).filter(|&i| !is_catalogued(frequency(i), 0.0, n, n));
     let of = searched.map(|i| (power[i] / middle * LN_2, frequency(i)));
     of.fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a })
 }
@@ -329,13 +333,13 @@ impl Wave {
 }
 
 impl Shape for Wave {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         let Some(dark) = maps::reference_dark(design) else { return };
         let offset = design.conditions[dark].stack.exposure_s;
         let black = stacks[dark].level();
         for (c, t) in design.conditions.iter().zip(stacks) {
             let k = gain(camera, c);
-            // The dark-current map is of what rises from the shortest exposure on.
+            // The dark-current map is of the increase from the shortest exposure on.
             let times = match self.kind {
                 MapKind::DarkCurrent => k * (c.stack.exposure_s - offset),
                 _ => k,
@@ -350,7 +354,7 @@ impl Shape for Wave {
     fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical> {
         let amount = self.amplitude.value;
         let wave = |more: Option<f64>| {
-            // A wave of no frequency, a quarter of a turn on, is a constant.
+            // A wave of zero frequency at a quarter of a period is a constant.
             let sine = |f: [f64; 2], phase_turns, amplitude| Sine {
                 cycles_per_column: f[0],
                 cycles_per_row: f[1],
@@ -368,7 +372,8 @@ impl Shape for Wave {
                 let before = -amount * stage::shortest_s(design);
                 vec![
                     stage::dark(camera, design, wave(Some(level)), amount),
-                    // The map of offsets, whose own waves are told, has that of its darks.
+                    // The offset map, whose waves are reported, includes the dark current of its
+                    // darks.
                     Empirical::new(Quantity::Offset, wave(None), before),
                 ]
             }
@@ -405,7 +410,7 @@ impl Shape for Wave {
         let [fx, fy] = self.cycles;
         let digits = self.digits;
         let period = |f: f64, lines: &str| match f == 0.0 {
-            true => format!("alike in all {lines}"),
+            true => format!("constant over {lines}"),
             false => format!("period {:.2} {lines}", 1.0 / f.abs()),
         };
         let grows = match domain {
@@ -429,7 +434,7 @@ impl Shape for Wave {
             evidence: self.evidence,
             shown: None,
             description: format!(
-                "a plane wave that stands still: amplitude {}{unit}, {:.digits$} cycles per \
+                "a stationary plane wave: amplitude {}{unit}, {:.digits$} cycles per \
                  column and {:.digits$} per row ({}, {}), {:.0}° at the first pixel; {grows}",
                 number(self.amplitude),
                 fx.value,
@@ -445,7 +450,7 @@ impl Shape for Wave {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{Hidden, Shot, WIDTH, figure, shoot};
+    use crate::shapes::bench::{Hidden, Shot, WIDTH, figure, shoot};
 
     /// Adds 2 sin(2π(0.21 x − 0.34 y) + turn) e⁻.
     fn add(e: &mut [f64], turn: f64) {
@@ -469,7 +474,7 @@ mod tests {
         assert!((fx - 0.21).abs() < 5e-4 && (fy + 0.34).abs() < 5e-4, "{wave:?}");
     }
 
-    /// Frequencies of a third of a bin beside 3/16 and 5/16, which patterns of 16 lines have.
+    /// Frequencies a third of a bin from 3/16 and 5/16, which patterns of 16 lines have.
     #[test]
     fn a_wave_beside_the_catalogues_is_found_and_a_pattern_of_sixteen_lines_is_not() {
         let [fx, fy] = [3.0 / 16.0 + 0.3 / 72.0, 5.0 / 16.0 - 0.3 / 56.0];

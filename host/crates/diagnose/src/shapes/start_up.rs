@@ -1,22 +1,23 @@
-//! The first frames after a start, which are off in dark and light alike. They are found in all
-//! stacks together before anything is measured (`camrig_clean`); what is left to do is to let the
-//! model run them.
+//! The first frames after a start, whose level deviates in the dark and in light equally. They are
+//! found in all stacks together before anything is measured (`camrig_clean`); here they become a
+//! stage of the model.
 
-use crate::Shape;
-use crate::seen::Seen;
-use crate::view::{View, gain};
+use super::Shape;
+use super::seen::Seen;
+use super::view::{View, gain};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::temporal::Temporal;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Curve as Knots, Empirical, Table};
 use camrig_clean::{CurveShape, FrameCurve};
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::statistics::temporal::Temporal;
 use camrig_sensor_core::effects::empirical::Quantity;
 
-/// Time constants after which a decay is over: a thousandth is left.
-const OVER: f64 = 7.0;
-/// Frames of a decay, at most: those that a quarter of a sensor's tables holds.
+/// Time constants after which a decay has ended: a thousandth is left.
+const TIME_CONSTANTS: f64 = 7.0;
+/// Longest decay, frames: what a quarter of a sensor's tables can store.
 const MAX_FRAMES: usize = 128;
 
 struct StartUp {
@@ -27,17 +28,17 @@ struct StartUp {
     frames: usize,
 }
 
-/// The curve as a shape, where one amount in electrons describes it: under one gain, and stacks of
-/// one length if it has no end of its own.
+/// The curve as a shape, where a single amplitude in electrons describes it: at one gain, and, if
+/// it does not decay, with stacks of one length.
 pub(crate) fn of(camera: &Camera, design: &Design, curve: FrameCurve) -> Option<Box<dyn Shape>> {
     let first = design.conditions.first()?;
     let (gain, frames) = (gain(camera, first), first.stack.total);
-    let alike = |c: &camrig_diagnose::data::design::Condition| {
+    let alike = |c: &crate::data::design::Condition| {
         c.stack.analog_gain == first.stack.analog_gain
             && (matches!(curve.shape, CurveShape::Decay(_)) || c.stack.total == frames)
     };
     let short = match curve.shape {
-        CurveShape::Decay(tau) => OVER * tau < MAX_FRAMES as f64,
+        CurveShape::Decay(tau) => TIME_CONSTANTS * tau < MAX_FRAMES as f64,
         CurveShape::Line => true,
     };
     let sound = short && design.conditions.iter().all(alike);
@@ -47,9 +48,9 @@ pub(crate) fn of(camera: &Camera, design: &Design, curve: FrameCurve) -> Option<
 impl StartUp {
     fn knots(&self) -> Knots {
         match self.curve.shape {
-            // All frames up to its end are knots, so that nothing lies between two.
+            // Every frame up to its end is a knot, so that nothing is interpolated.
             CurveShape::Decay(tau) => {
-                let end = (OVER * tau).ceil() as usize;
+                let end = (TIME_CONSTANTS * tau).ceil() as usize;
                 let value = |i| if i < end { self.curve.shape.at(i, self.frames) } else { 0.0 };
                 let (at, values) = (0..=end).map(|i| (i as f64, value(i))).unzip();
                 Knots { at, values }
@@ -68,8 +69,8 @@ impl StartUp {
 }
 
 impl Shape for StartUp {
-    /// The moments keep it: names are searched for by a model that is given the same.
-    fn take_out(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
+    /// The moments keep it: the model that is searched with has the same curve.
+    fn subtract(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
 
     fn stages(&self, _: &mut Camera, _: &Design) -> Vec<Empirical> {
         let table = Table::FrameCurve(self.knots());
@@ -106,11 +107,11 @@ impl Shape for StartUp {
             form: Form::FrameCurve,
             dependence: Dependence { exposure: 0.0, signal: 0.0 },
             parameters,
-            // All frames together show it, so that none are left to ask.
+            // It was fitted to all frames together: none are held out.
             evidence: [fall, f64::NAN],
             description: format!(
-                "the level of frames after a start of the sensor, in dark and light alike: {} e⁻ \
-                 {how}",
+                "the level of frames after a start of the sensor, equal in the dark and in light: {} \
+                 e⁻ {how}",
                 number(amount)
             ),
             shown: None,

@@ -1,18 +1,18 @@
 //! A plain sensor on a bench, for tests: frames from equations that share nothing with
 //! `sensor-core`, as moments.
 
-use crate::view::View;
+use super::view::View;
+use crate::data::design::{Condition, Design, Stack};
+use crate::data::variation::FrameVariation;
+use crate::model::prediction::Prediction;
+use crate::model::replicate;
+use crate::statistics::battery::battery;
+use crate::statistics::maps::{self, Map};
+use crate::statistics::statistic::by_key;
+use crate::statistics::temporal::{Collector, Temporal};
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
-use camrig_diagnose::data::design::{Condition, Design, Stack};
-use camrig_diagnose::data::variation::FrameVariation;
-use camrig_diagnose::model::prediction::Prediction;
-use camrig_diagnose::model::replicate;
-use camrig_diagnose::statistics::battery::battery;
-use camrig_diagnose::statistics::maps::{self, Map};
-use camrig_diagnose::statistics::statistic::by_key;
-use camrig_diagnose::statistics::temporal::{Collector, Temporal};
 use rand_distr::{Distribution, Normal, Poisson};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -168,6 +168,6 @@ impl Bench {
 }
 
 /// The figure of a finding.
-pub(crate) fn figure(finding: &camrig_diagnose::finding::Finding, key: &str) -> f64 {
+pub(crate) fn figure(finding: &crate::finding::Finding, key: &str) -> f64 {
     finding.parameters.iter().find(|p| p.0 == key).unwrap_or_else(|| panic!("{key}")).1.value
 }

@@ -1,62 +1,65 @@
-//! Noise common to a row that falls along it, new in each row and frame: the kick of a reference
-//! that settles at the start of each row. The same of columns.
+//! Noise common to a row that decays along it, independent between rows and frames: the transient
+//! of a reference that settles at the start of each row. The same along columns.
 //!
-//! σ z(y, frame) e^(−x/L) gives the pixels of a column the variance σ²(v − v̄)² beside what others
-//! have, the row means σ²v̄², and neighbours along the row a covariance, which noise that merely
-//! differs from column to column does not. `row-temporal-noise` of the catalogue has v = 1.
+//! With v = e^(−x/L), noise σ z(y, frame) v adds σ²(v − v̄)² to the variance of the pixels of a
+//! column and σ²v̄² to that of the row means, and correlates neighbours along the row, unlike noise
+//! that merely differs between columns. The catalogue's `row-temporal-noise` has v = 1.
 
-use crate::seen::Seen;
-use crate::stage;
-use crate::view::View;
-use crate::{FALSE_ALARMS, Shape, shapes};
+use super::seen::Seen;
+use super::stage;
+use super::view::View;
+use super::{FALSE_ALARMS, Shape, shapes};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::numerics::spectrum::Spectrum;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps;
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{LAGS, Temporal, mean};
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Table};
 use camrig_captures::Role;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::numerics::spectrum::Spectrum;
-use camrig_diagnose::statistics::maps;
-use camrig_diagnose::statistics::statistic::{Key, Place, What};
-use camrig_diagnose::statistics::temporal::{LAGS, Temporal, mean};
 use camrig_sensor_core::effects::empirical::Quantity;
 
-/// Shortest length looked for, pixels, and the longest, of the side: beyond, the fall is a slope.
-const LENGTHS: (f64, f64) = (1.5, 0.5);
-/// Lengths tried, in equal ratios.
-const TRIED: usize = 60;
-/// Share of the law's covariance of neighbours that must be there.
-const COVARIES: f64 = 0.5;
-/// Standard errors from which the held-out frames show it.
-const SEEN_AGAIN: f64 = 4.0;
-/// Share of the mean power that a bin keeps, whatever is taken out of it.
+/// Shortest decay length, pixels.
+const MIN_LENGTH: f64 = 1.5;
+/// Longest decay length over the side of the sensor: longer decays look like a slope.
+const MAX_LENGTH: f64 = 0.5;
+/// Number of decay lengths tried, in a geometric series.
+const LENGTHS: usize = 60;
+/// Fraction of the expected covariance of neighbours that must be measured.
+const MIN_COVARIANCE: f64 = 0.5;
+/// Standard errors from which the held-out frames confirm it.
+const CONFIRMED_Z: f64 = 4.0;
+/// Fraction of the mean power that a bin keeps, whatever is subtracted.
 const MIN_POWER: f64 = 0.1;
-/// Pixels of a line that are left out at each end: the border's moments are its neighbours'.
+/// Pixels left out at each end of a line: the border's moments are copies of its neighbours'.
 const BORDER: usize = 1;
 
-/// Where lines begin, and which they are.
+/// The side from which lines are read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Side {
     rows: bool,
     from_end: bool,
 }
 
-/// Noise of lines that falls along them.
+/// Noise of lines that decays along them.
 pub(crate) struct Droop {
     side: Side,
-    /// By how much χ² of the pixels alone falls.
+    /// Fall of χ² of the pixels alone.
     pixels: f64,
-    /// Whether chance does not give it and the held-out frames show it.
+    /// Whether it is significant and confirmed by the held-out frames.
     is_seen: bool,
-    /// Whether it is as large in light as in the dark.
+    /// Whether it is equal in light and in the dark.
     alike: bool,
     length: Estimated,
     sigma_e: Estimated,
     evidence: [f64; 2],
 }
 
-/// Mean squares of a stack: variance of the pixels over place along the line, and of line means
-/// beside white noise, e², each with its relative standard error.
+/// Mean squares of a stack: variance of the pixels by position along the line, and of line means in
+/// excess of white noise, e², each with its relative standard error.
 struct Profile {
     pixels: Vec<f64>,
     relative: f64,
@@ -68,12 +71,12 @@ struct Profile {
     flat: bool,
 }
 
-/// Droops that both halves show: the likeliest side along rows, and along columns.
+/// Decays that both halves show: from the likelier side along rows, and along columns.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     let found = [true, false].into_iter().filter_map(|rows| {
         let sides = [false, true].map(|from_end| Side { rows, from_end });
-        // What rises towards both ends alike is no droop: noise that follows itself does, once the
-        // mean of its line is out of it.
+        // What rises equally towards both ends is not a decay: serially correlated noise does, once
+        // the mean of its line is subtracted.
         let [first, last] = sides.map(|side| along(side, fit, held_out));
         let (best, other) = match first.as_ref()?.pixels >= last.as_ref()?.pixels {
             true => (first?, last?),
@@ -110,19 +113,19 @@ fn profiles(view: &View<'_>, rows: bool) -> Vec<Profile> {
     view.stacks.iter().enumerate().map(of).collect()
 }
 
-/// The fall along a line.
+/// The decay along a line.
 fn fall(n: usize, length: f64, from_end: bool) -> Vec<f64> {
     let at = |i: usize| if from_end { n - 1 - i } else { i };
     (0..n).map(|i| libm::exp(-(at(i) as f64) / length)).collect()
 }
 
-/// Fall of χ² that chance gives: of two degrees of freedom, for both sides along rows and columns.
+/// Fall of χ² that is due to chance: two degrees of freedom, for both sides along rows and columns.
 fn limit() -> f64 {
     -2.0 * libm::log(FALSE_ALARMS / 4.0)
 }
 
-/// σ² of a length, by how much χ² falls with it, and how much of that is the pixels'; each stack
-/// has white noise of its own.
+/// σ² for a decay length, the fall of χ², and the part of it due to the pixels; white noise is
+/// fitted for each stack.
 fn fitted<'a>(
     profiles: impl IntoIterator<Item = &'a Profile>,
     length: f64,
@@ -137,7 +140,7 @@ fn fitted<'a>(
         let inner = BORDER..n - BORDER;
         let mut sorted = p.pixels.clone();
         let typical = camrig_base::median::median(&mut sorted, f64::total_cmp);
-        // Errors of the noise that all pixels have: the larger of a line's own would hide it.
+        // Errors of the noise that all pixels have: those of single lines would hide it.
         let weight = (typical * p.relative).powi(-2);
         let count = inner.len() as f64;
         let mean_of = |v: &[f64]| v[inner.clone()].iter().sum::<f64>() / count;
@@ -147,7 +150,7 @@ fn fitted<'a>(
             xy += weight * (x[i] - mx) * (p.pixels[i] - my);
         }
         pixels = (xx - lines.0, xy - lines.1);
-        // Of the line means.
+        // The line means.
         let weight = (p.white * p.lines_relative).powi(-2);
         let (x, y) = (middle * middle, p.lines - p.white);
         lines.0 += weight * x * x;
@@ -160,7 +163,7 @@ fn fitted<'a>(
     (Estimated { value, se: xx.sqrt().recip() }, value * value * xx, alone * alone * pixels.0)
 }
 
-/// The share that measured covariances of neighbours have of the law's.
+/// Measured over expected covariance of neighbours.
 fn covaries(profiles: &[Profile], length: f64, from_end: bool, variance: f64) -> f64 {
     let share = |p: &Profile| {
         let v = fall(p.pixels.len(), length, from_end);
@@ -168,7 +171,7 @@ fn covaries(profiles: &[Profile], length: f64, from_end: bool, variance: f64) ->
         let pairs = v.windows(2).map(|p| (p[0] - middle) * (p[1] - middle));
         let expected = variance * pairs.sum::<f64>() / (v.len() - 1) as f64;
         let weight = p.white.powi(-2);
-        // Without the mean of its line, white noise has a covariance of −v/n.
+        // White noise minus the mean of its line has a covariance of −v/n.
         (weight * (p.neighbours + p.white), weight * expected)
     };
     let (measured, expected) =
@@ -179,32 +182,33 @@ fn covaries(profiles: &[Profile], length: f64, from_end: bool, variance: f64) ->
 fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
     let (a, b) = (profiles(fit, side.rows), profiles(held_out, side.rows));
     let n = a.first()?.pixels.len();
-    let (shortest, longest) = (LENGTHS.0, LENGTHS.1 * n as f64);
+    let (shortest, longest) = (MIN_LENGTH, MAX_LENGTH * n as f64);
     if n < 8 || longest < shortest {
         return None;
     }
-    let ratio = libm::pow(longest / shortest, 1.0 / (TRIED - 1) as f64);
-    let lengths: Vec<f64> = (0..TRIED).map(|i| shortest * ratio.powi(i as i32)).collect();
+    let ratio = libm::pow(longest / shortest, 1.0 / (LENGTHS - 1) as f64);
+    let lengths: Vec<f64> = (0..LENGTHS).map(|i| shortest * ratio.powi(i as i32)).collect();
     let tried: Vec<(f64, (Estimated, f64, f64))> =
         lengths.iter().map(|&l| (l, fitted(&a, l, side.from_end))).collect();
     let &(length, (first, gain, pixels)) = tried.iter().max_by(|x, y| x.1.1.total_cmp(&y.1.1))?;
-    // Line noise alike along the line has no pixels' part: the pixels must show the fall. The
-    // longest is a slope of the noise.
+    // Line noise that is constant along the line has no part in the pixels, which must show the
+    // decay. The longest length is a slope of the noise.
     let (again, held, held_pixels) = fitted(&b, length, side.from_end);
     let parts = [&a, &b].map(|p| covaries(p, length, side.from_end, first.value));
     let is_seen = length < longest * 0.999
         && pixels > limit()
-        && held_pixels > SEEN_AGAIN.powi(2)
-        && again.z() > SEEN_AGAIN
-        && parts.iter().all(|s| *s > COVARIES);
+        && held_pixels > CONFIRMED_Z.powi(2)
+        && again.z() > CONFIRMED_Z
+        && parts.iter().all(|s| *s > MIN_COVARIANCE);
     let [dark, light] = [false, true].map(|flat| {
         let own = a.iter().chain(&b).filter(|p| p.flat == flat);
         fitted(own, length, side.from_end).0
     });
     let apart = (dark.value - light.value).abs();
-    let alike = !(apart > SEEN_AGAIN * libm::hypot(dark.se, light.se) && apart > dark.value / 4.0);
-    // χ² is that of white noise, so its fall by one is too narrow by the ratio of all noise to
-    // white noise at the start of the line.
+    let alike =
+        !(apart > CONFIRMED_Z * libm::hypot(dark.se, light.se) && apart > dark.value / 4.0);
+    // χ² is relative to white noise, so that the interval of a fall by one is too narrow by the
+    // ratio of all noise to white noise at the start of the line.
     let white = a.iter().map(|p| p.white * n as f64).fold(f64::MAX, f64::min);
     let widest = 1.0 + first.value / white;
     let within = tried.iter().filter(|t| t.1.1 > gain - widest.powi(2)).map(|t| t.0);
@@ -223,19 +227,19 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
     })
 }
 
-/// The length between two at which χ² of both halves falls most.
+/// The length between two that minimises χ² of both halves.
 fn refine(halves: &[&Vec<Profile>], low: f64, high: f64, from_end: bool) -> f64 {
-    /// Turns of the golden section: 10⁻⁴ of the range.
+    /// Iterations of the golden-section search: 10⁻⁴ of the range.
     const TURNS: usize = 20;
-    camrig_diagnose::numerics::minimise::minimum(low, high, TURNS, |l| {
+    crate::numerics::minimise::minimum(low, high, TURNS, |l| {
         -halves.iter().map(|p| fitted(p.iter(), l, from_end).1).sum::<f64>()
     })
 }
 
 impl Droop {
-    /// Takes the power of the fall `v` along the lines out of that of a stack, DN² for `unit` of
+    /// Subtracts the power of the decay `v` along the lines from that of a stack, DN² per `unit` of
     /// e².
-    fn take_out_of_power(&self, t: &mut Temporal, unit: f64, v: &[f64]) {
+    fn subtract_from_power(&self, t: &mut Temporal, unit: f64, v: &[f64]) {
         let Some(power) = &mut t.power else { return };
         let own = Spectrum::of(v);
         let (w, h) = (t.width, t.height);
@@ -254,9 +258,9 @@ impl Droop {
 }
 
 impl Shape for Droop {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         for (c, t) in design.conditions.iter().zip(stacks) {
-            let unit = crate::view::gain(camera, c).powi(2);
+            let unit = super::view::gain(camera, c).powi(2);
             let w = t.width;
             let n = if self.side.rows { w } else { t.height };
             let v = fall(n, self.length.value, self.side.from_end);
@@ -281,11 +285,11 @@ impl Shape for Droop {
             }
             let ratio = (mean(&t.pixel_variance) / old.max(1e-12)) as f32;
             t.pixel_fourth.iter_mut().for_each(|v| *v *= ratio * ratio);
-            self.take_out_of_power(t, unit, &v);
+            self.subtract_from_power(t, unit, &v);
         }
     }
 
-    fn sets_aside(&self, _: &Design, (place, what): &Key) -> bool {
+    fn shows_in(&self, _: &Design, (place, what): &Key) -> bool {
         let lines = match self.side.rows {
             true => matches!(what, What::RowVariance | What::RowPeak | What::RowSlow),
             false => matches!(what, What::ColumnVariance | What::ColumnPeak | What::ColumnSlow),
@@ -307,8 +311,8 @@ impl Shape for Droop {
         );
         match place {
             Place::Stack(_) => lines || pixels,
-            // What is left of it in the mean of the frames.
-            Place::Map(kind) => crate::view::IN_THE_DARK.contains(kind),
+            // Its residual in the mean of the frames.
+            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
             _ => false,
         }
     }
@@ -328,7 +332,7 @@ impl Shape for Droop {
         let pixels = profiles(view, self.side.rows).swap_remove(dark).pixels;
         let sd: Vec<f64> = pixels.into_iter().map(f64::sqrt).collect();
         let x = if self.side.rows { "column" } else { "row" };
-        Some(Seen::lines(x, "noise in the dark beside that of its whole line, e⁻", &sd))
+        Some(Seen::lines(x, "noise in the dark in excess of its line's, e⁻", &sd))
     }
 
     fn findings(&self) -> Vec<Finding> {
@@ -354,16 +358,12 @@ impl Shape for Droop {
             evidence: self.evidence,
             shown: None,
             description: format!(
-                "noise common to a {line}, new in every {line} and frame, that falls along it: {} \
+                "noise common to a {line}, independent in every {line} and frame, that decays along it: {} \
                  e⁻ at the {start} pixel, with a length of {} {along} (to 1/e), {} (a reference that \
                  settles at the {start} pixels)",
                 number(self.sigma_e),
                 number(self.length),
-                if self.alike {
-                    "alike in the dark and in light"
-                } else {
-                    "of another size in light"
-                },
+                if self.alike { "equal in the dark and in light" } else { "different in light" },
             ),
         }]
     }
@@ -372,7 +372,7 @@ impl Shape for Droop {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{Hidden, Shot, WIDTH, figure, shoot};
+    use crate::shapes::bench::{Hidden, Shot, WIDTH, figure, shoot};
 
     #[test]
     fn a_kick_that_falls_along_the_row_is_told_from_row_noise() {
@@ -397,7 +397,7 @@ mod tests {
         assert_eq!(droop.form, Form::RowProfile);
         assert!((figure(droop, "sigma_e") - 6.0).abs() < 0.5, "{droop:?}");
         assert!((figure(droop, "length_columns") - 12.0).abs() < 1.5, "{droop:?}");
-        // A length without end is the catalogue's row noise.
+        // An infinite length is the catalogue's row noise.
         assert!(of(Some(1e9)).is_empty() && of(None).is_empty());
     }
 }

@@ -1,22 +1,22 @@
-//! The moments of a half as shapes are sought in them, and how a shape is taken out of them.
+//! The moments of a half as detectors read them, and how a shape is subtracted from them.
 
+use crate::data::channels::Channels;
+use crate::data::design::{Condition, Design};
+use crate::model::effects::dn_per_e;
+use crate::model::prediction::Prediction;
+use crate::statistics::maps::{self, Map, MapKind};
+use crate::statistics::statistic::Key;
+use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_camera::Camera;
 use camrig_captures::Role;
-use camrig_diagnose::data::channels::Channels;
-use camrig_diagnose::data::design::{Condition, Design};
-use camrig_diagnose::model::effects::dn_per_e;
-use camrig_diagnose::model::prediction::Prediction;
-use camrig_diagnose::statistics::maps::{self, Map, MapKind};
-use camrig_diagnose::statistics::statistic::Key;
-use camrig_diagnose::statistics::temporal::Temporal;
 
-/// Values are clipped at this many robust standard deviations, so that single pixels decide
-/// nothing; a normal law loses 1.2·10⁻⁴ of its variance.
+/// Values are clipped at this many robust standard deviations, so that single pixels have little
+/// influence; a normal distribution loses 1.2·10⁻⁴ of its variance.
 const CLIP: f64 = 4.0;
 
-/// Maps of the dark frames' means, in which noise of the voltage is left.
+/// Maps of the means of dark frames, which contain residual voltage noise.
 pub(crate) const IN_THE_DARK: [MapKind; 3] =
     [MapKind::Offset, MapKind::DarkCurrent, MapKind::AfterLight];
 
@@ -42,7 +42,7 @@ impl<'a> View<'a> {
         gain(self.camera, &self.design.conditions[stack])
     }
 
-    /// Units of a map in which shapes are told, per unit of the map: e⁻ for the offset's DN.
+    /// Factor from a map's unit to that of findings: from DN to e⁻ for the offset.
     pub fn unit(&self, kind: MapKind) -> f64 {
         match (kind, maps::reference_dark(self.design)) {
             (MapKind::Offset, Some(dark)) => 1.0 / self.gain(dark),
@@ -61,7 +61,7 @@ impl<'a> View<'a> {
         conditions.filter(move |(_, c)| c.stack.role == role).map(|(i, _)| i)
     }
 
-    /// A map less the median of each channel.
+    /// A map minus the median of each channel.
     pub fn about_median(&self, plane: &Plane<f32>) -> Plane<f32> {
         let mut plane = plane.clone();
         let channels = Channels::new(self.camera);
@@ -70,7 +70,7 @@ impl<'a> View<'a> {
         plane
     }
 
-    /// A map less the mean of each channel, clipped.
+    /// A map minus the mean of each channel, clipped.
     pub fn levelled(&self, plane: &Plane<f32>) -> Plane<f32> {
         let mut plane = self.about_median(plane);
         let channels = Channels::new(self.camera);
@@ -100,8 +100,8 @@ pub(crate) fn channel_medians(values: &[f32], channels: &Channels) -> Vec<f64> {
     own.iter_mut().map(|v| f64::from(median(v, f32::total_cmp))).collect()
 }
 
-/// Changes a stack's mean frame, value by column and row. The outermost pixels hold what lies one
-/// repeat of the colour pattern further in and are changed as that is.
+/// Changes each value of a stack's mean frame by its column and row. The outermost pixels are
+/// copies of those one period of the colour pattern further in, and change as those do.
 pub(crate) fn change_mean(
     camera: &Camera,
     t: &mut Temporal,

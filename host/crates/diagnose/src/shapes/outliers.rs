@@ -1,43 +1,47 @@
-//! Pixels whose offset is off and grows with neither time nor light. They are no hot pixels, whose
-//! excess grows with the exposure, and no telegraph noise, which makes them noisier.
+//! Pixels with an outlying offset that depends on neither exposure nor light. They are not hot
+//! pixels, whose excess grows with the exposure, nor telegraph noise, which makes them noisier.
 
-use crate::seen::Seen;
-use crate::view::{View, change_mean, channel_medians, gain, robust_sd};
-use crate::{FALSE_ALARMS, Shape, shapes};
+use super::seen::Seen;
+use super::view::{View, change_mean, channel_medians, gain, robust_sd};
+use super::{FALSE_ALARMS, Shape, shapes};
+use crate::data::channels::Channels;
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::numerics::tails;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::temporal::{Temporal, mean};
 use camrig_base::numbers::counted;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Law, Table};
 use camrig_captures::Role;
-use camrig_diagnose::data::channels::Channels;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::numerics::tails;
-use camrig_diagnose::statistics::maps::{self, MapKind};
-use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use camrig_sensor_core::effects::empirical::Quantity;
 use std::collections::BTreeMap;
 
-/// Knots of the law of either side, and the greatest deviate of a pixel.
+/// Knots of each tail of the distribution.
 const KNOTS: usize = 32;
-const FARTHEST: f64 = 6.0;
-/// Pixels without which there is no law to tell.
+/// Largest normal deviate of a pixel.
+const MAX_DEVIATE: f64 = 6.0;
+/// Fewest pixels that make a distribution.
 const MIN_PIXELS: usize = 5;
-/// Share of its offset by which a pixel may differ in a longer dark, and the standard errors.
-const GROWS: (f64, f64) = (0.25, 4.0);
-/// Variance over that of all pixels from which they are noisier ones.
-const NOISIER: f64 = 1.5;
+/// Change in a longer dark up to which an offset is constant: a fraction of the offset, and
+/// standard errors.
+const MAX_RELATIVE_CHANGE: f64 = 0.25;
+const MAX_CHANGE_Z: f64 = 4.0;
+/// Variance relative to that of all pixels above which they are noisy pixels.
+const MAX_VARIANCE_RATIO: f64 = 1.5;
 
-/// Pixels with an offset of their own.
+/// Pixels with outlying offsets.
 pub(crate) struct Outliers {
     /// Offset by pixel, row-major, e⁻.
     offsets: BTreeMap<usize, f64>,
     width: usize,
     fraction: Estimated,
     mean_e: Estimated,
-    /// Those below the others.
+    /// Number of those below the others.
     below: usize,
-    /// Least offset that stands out, e⁻.
+    /// Smallest significant offset, e⁻.
     least_e: f64,
     evidence: [f64; 2],
 }
@@ -47,7 +51,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     shapes(outliers(fit, held_out))
 }
 
-/// A stack's mean less the median of each channel, e⁻.
+/// A stack's mean minus the median of each channel, e⁻.
 fn offsets(view: &View<'_>, stack: usize) -> Vec<f32> {
     let t = &view.stacks[stack];
     let channels = Channels::new(view.camera);
@@ -87,22 +91,22 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
         let x = f64::from(a[*i]);
         longer.iter().all(|(values, sd)| {
             (f64::from(values[*i]) - x).abs()
-                < GROWS.0 * x.abs() + GROWS.1 * libm::hypot(*sd, sd_a)
+                < MAX_RELATIVE_CHANGE * x.abs() + MAX_CHANGE_Z * libm::hypot(*sd, sd_a)
         })
     };
     let candidates: Vec<usize> = (0..a.len()).filter(seen).collect();
     let found: Vec<usize> = candidates.iter().copied().filter(stays).collect();
-    // Where most of them grow, few that happen not to are no kind of their own.
+    // Where most of them grow with exposure, the few that happen not to are hot pixels too.
     if longer.is_empty() || found.len() < MIN_PIXELS || 2 * found.len() < candidates.len() {
         return None;
     }
     let variance = found.iter().map(|&i| f64::from(t.pixel_variance[i])).sum::<f64>();
-    if variance / found.len() as f64 > NOISIER * mean(&t.pixel_variance) {
+    if variance / found.len() as f64 > MAX_VARIANCE_RATIO * mean(&t.pixel_variance) {
         return None;
     }
     let count = found.len() as f64;
     let size = |i: usize| (f64::from(a[i]) + f64::from(b[i])) / 2.0;
-    // An exponential law has no memory: beyond the least it is the same law again.
+    // An exponential distribution is memoryless: above the threshold it is the same again.
     let mean_e = found.iter().map(|&i| size(i).abs() - least).sum::<f64>() / count;
     let mean_e = mean_e.max(sd_a);
     let pixels = ((w - 2) * (h - 2)) as f64;
@@ -121,7 +125,7 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
 }
 
 impl Shape for Outliers {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         for (c, t) in design.conditions.iter().zip(stacks) {
             let k = gain(camera, c);
             change_mean(camera, t, &|x, y, v| {
@@ -133,11 +137,12 @@ impl Shape for Outliers {
     fn stages(&self, _: &mut Camera, _: &Design) -> Vec<Empirical> {
         let (mean_e, share) = (self.mean_e.value, self.fraction.value.clamp(1e-9, 0.5));
         let low = share * self.below as f64 / self.offsets.len() as f64;
-        // From the deviate beyond which pixels are off, the quantiles of an exponential law.
+        // From the deviate above which pixels are outliers, the quantiles of an exponential
+        // distribution.
         let tail = |share: f64| -> Vec<(f64, f64)> {
             let from = tails::normal_quantile(libm::log(share.max(1e-12)));
             let knot = |i: usize| {
-                let z = from + (FARTHEST - from) * i as f64 / (KNOTS - 1) as f64;
+                let z = from + (MAX_DEVIATE - from) * i as f64 / (KNOTS - 1) as f64;
                 (z, libm::log(share) - tails::ln_upper(z))
             };
             if share > 0.0 { (0..KNOTS).map(knot).collect() } else { Vec::new() }
@@ -186,7 +191,7 @@ impl Shape for Outliers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{Hidden, Shot, figure, shoot};
+    use crate::shapes::bench::{Hidden, Shot, figure, shoot};
 
     #[test]
     fn outliers_of_the_offset_are_told_and_hot_pixels_are_not() {

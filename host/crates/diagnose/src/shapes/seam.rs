@@ -1,39 +1,37 @@
-//! Taps: parts of the sensor, side by side, with an amplifier each, whose gain, offset and noise
-//! differ. Between two is a seam.
+//! Taps: adjacent parts of the sensor with an amplifier each, whose gain, offset and noise differ.
+//! Between two of them is a seam.
 //!
-//! A seam is a step in the means of columns or rows of a map: of the offset, of the dark current
-//! or of the gain. Smooth laws stand against it (`steps`). The parts are brought to the one that
-//! the camera file fits best.
+//! A seam is a step in the column or row means of a map of the offset, the dark current or the
+//! gain. Smooth models are the alternative hypotheses (`steps`). The levels of all parts are
+//! corrected to that of the part that the camera file fits best.
 
-use crate::seen::Seen;
-use crate::stage::Parts;
-use crate::steps::{self, Steps};
-use crate::view::{View, change_mean, gain};
-use crate::{Shape, blocks, shapes};
+use super::seen::Seen;
+use super::stage::{MAPS, Parts, UNITS};
+use super::steps::{self, Steps};
+use super::view::{View, change_mean, gain};
+use super::{Shape, blocks, shapes};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_camera::empirical::Empirical;
 use camrig_captures::Role;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::statistics::maps::{self, MapKind};
-use camrig_diagnose::statistics::temporal::Temporal;
 
-/// Maps that are searched, each along both axes.
-pub(crate) const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
-/// What they show, with its unit.
-pub(crate) const UNITS: [&str; 3] = ["relative gain", "offset, e⁻", "dark current, e⁻/s"];
 /// Profiles that are searched: three maps, two axes.
 const PROFILES: usize = 6;
-/// Lines by which one seam's place may differ from map to map.
+/// Tolerance of a seam's position between maps, lines.
 const SAME_PLACE: usize = 2;
-/// Standard errors of their difference by which the held-out frames' step may differ, and the least
-/// share of it that they must show. They share the pattern of pixels, which makes most of a gain
-/// step's error, so that the difference is smaller than this by far.
-const AGREES: (f64, f64) = (4.0, 0.5);
-/// Standard errors from which a step in a map is told beside that which gave the seam away.
-const TOLD: f64 = 4.0;
+/// Standard errors by which the step in the held-out frames may differ. Both halves share the fixed
+/// pattern, which makes most of a gain step's error, so that the difference is far smaller.
+const MAX_DIFFERENCE: f64 = 4.0;
+/// Share of the step that the held-out frames must show.
+const MIN_CONFIRMED: f64 = 0.5;
+/// Standard errors from which a step in another map at the same seam is reported.
+const SIGNIFICANT: f64 = 4.0;
 
 /// Whether lines are columns or rows.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -46,7 +44,7 @@ enum Axis {
 struct Seam {
     /// First line of the second part.
     at: usize,
-    /// Steps in the maps, in the order of [`MAPS`]; 0 where none is told.
+    /// Steps in the maps, in the order of [`MAPS`]; 0 where none is significant.
     steps: [Estimated; 3],
 }
 
@@ -56,7 +54,7 @@ pub(crate) struct Taps {
     /// Columns or rows of the sensor.
     lines: usize,
     seams: Vec<Seam>,
-    /// The part, counted from 0, that the camera file fits best.
+    /// Index of the part that the camera file fits best.
     reference: usize,
     evidence: [f64; 2],
 }
@@ -74,7 +72,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     shapes([columns, rows].into_iter().flatten())
 }
 
-/// Means of a map's lines in the unit that is told.
+/// Means of a map's lines in the unit of findings.
 fn profile(view: &View<'_>, kind: MapKind, axis: Axis) -> Option<Vec<f64>> {
     let plane = view.plane(kind)?;
     let lines = match axis {
@@ -112,12 +110,12 @@ fn across(axis: Axis, fit: &View<'_>, held_out: &View<'_>) -> Option<Taps> {
     let mut held = 0.0;
     for (i, kind) in MAPS.into_iter().enumerate() {
         let (Some(a), Some(b)) = (&profiles[i], profile(held_out, kind, axis)) else { continue };
-        let of = all.under_law_of(seen[i].as_ref());
+        let of = all.with_smooth_of(seen[i].as_ref());
         for ((seam, a), b) in seams.iter_mut().zip(of.sizes(a)).zip(of.sizes(&b)) {
-            let apart = (a.value - b.value).abs();
-            let again = apart < AGREES.0 * libm::hypot(a.se, b.se)
-                && b.value * a.value.signum() > AGREES.1 * a.value.abs();
-            if again && a.z().abs() > TOLD {
+            let difference = (a.value - b.value).abs();
+            let again = difference < MAX_DIFFERENCE * libm::hypot(a.se, b.se)
+                && b.value * a.value.signum() > MIN_CONFIRMED * a.value.abs();
+            if again && a.z().abs() > SIGNIFICANT {
                 seam.steps[i] = Estimated { value: (a.value + b.value) / 2.0, se: a.se };
                 held += b.z().powi(2);
             }
@@ -139,7 +137,7 @@ impl Taps {
         self.seams.iter().take_while(|s| s.at <= line).count()
     }
 
-    /// Level of a part in a map, over the mean of all lines.
+    /// Level of a part in a map, minus the mean of all lines.
     fn level(&self, map: usize, part: usize) -> f64 {
         let before = |to: usize| self.seams[..to].iter().map(|s| s.steps[map].value).sum::<f64>();
         let starts = self.seams.iter().map(|s| s.at);
@@ -149,13 +147,13 @@ impl Taps {
         before(part) - sum / self.lines as f64
     }
 
-    /// Gain of a part, over the mean of all.
+    /// Gain of a part over the mean of all.
     fn gain(&self, part: usize) -> f64 {
         1.0 + self.level(0, part)
     }
 
-    /// The part whose gain, and else whose offset, is nearest to the camera file's: one amplifier
-    /// that is off is likelier than all but one.
+    /// The part whose gain, or else whose offset, is nearest to the camera file's: it is likelier
+    /// that one amplifier deviates than that all but one do.
     fn fits_best(&self, view: &View<'_>) -> usize {
         let Some(dark) = maps::reference_dark(view.design) else { return 0 };
         let black = view.stacks[dark].level();
@@ -179,7 +177,7 @@ impl Taps {
 }
 
 impl Shape for Taps {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         let Some(dark) = maps::reference_dark(design) else { return };
         let shortest = design.conditions[dark].stack.exposure_s;
         let black = camera.sensor.black_level_dn;
@@ -231,8 +229,8 @@ impl Shape for Taps {
     }
 
     fn seen(&self, view: &View<'_>) -> Option<Seen> {
-        let told = |map: &usize| self.seams.iter().any(|s| s.steps[*map].value != 0.0);
-        let map = (0..MAPS.len()).find(told)?;
+        let stepped = |map: &usize| self.seams.iter().any(|s| s.steps[*map].value != 0.0);
+        let map = (0..MAPS.len()).find(stepped)?;
         let x = match self.axis {
             Axis::Columns => "column",
             Axis::Rows => "row",
@@ -257,17 +255,17 @@ impl Taps {
         let ratio = Estimated { value: self.gain(part) / self.gain(part - 1), se: gain.se };
         let first = Estimated { value: seam.at as f64, se: f64::NAN };
         let mut parameters = vec![(key, first)];
-        let mut said = Vec::new();
+        let mut differences = Vec::new();
         if gain.value != 0.0 {
-            said.push(format!("gain ratio {}", number(ratio)));
+            differences.push(format!("gain ratio {}", number(ratio)));
             parameters.push(("gain_ratio", ratio));
         }
         if offset.value != 0.0 {
-            said.push(format!("offset {} e⁻", number(offset)));
+            differences.push(format!("offset {} e⁻", number(offset)));
             parameters.push(("offset_e", offset));
         }
         if dark.value != 0.0 {
-            said.push(format!("dark current {} e⁻/s", number(dark)));
+            differences.push(format!("dark current {} e⁻/s", number(dark)));
             parameters.push(("dark_current_e_per_s", dark));
         }
         let domain = match seam.steps.map(|e| e.value != 0.0) {
@@ -286,10 +284,10 @@ impl Taps {
             evidence: self.evidence,
             shown: None,
             description: format!(
-                "a seam between two parts of the sensor with amplifiers of their own (taps), at \
+                "a seam between two parts of the sensor with separate amplifiers (taps), at \
                  {line} {}, the first of the second part: {} against the part before",
                 seam.at,
-                said.join(", ")
+                differences.join(", ")
             ),
         }
     }
@@ -298,11 +296,11 @@ impl Taps {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{Hidden, WIDTH, figure, shoot};
+    use crate::shapes::bench::{Hidden, WIDTH, figure, shoot};
 
     #[test]
     fn two_taps_have_a_seam_with_a_ratio_and_an_offset() {
-        let volts = |e: &mut [f64], _: &mut crate::bench::Shot<'_>| {
+        let volts = |e: &mut [f64], _: &mut crate::shapes::bench::Shot<'_>| {
             for row in e.chunks_mut(WIDTH) {
                 row[40..].iter_mut().for_each(|v| *v = *v * 1.008 - 3.0);
             }
@@ -315,9 +313,9 @@ mod tests {
         // Three errors: PRNU of the halves, 0.008 √(2/2016); read noise, 5 √(2/(2016 · 20)).
         assert!((figure(seam, "gain_ratio") - 1.008).abs() < 8e-4, "{seam:?}");
         assert!((figure(seam, "offset_e") + 3.0).abs() < 0.15, "{seam:?}");
-        // Taken out, the maps have no seam.
+        // Once it is subtracted, the maps have no seam.
         let mut stacks = bench.stacks[0].clone();
-        found.iter().for_each(|s| s.take_out(&bench.camera, &bench.design, &mut stacks));
+        found.iter().for_each(|s| s.subtract(&bench.camera, &bench.design, &mut stacks));
         let maps = maps::maps(&bench.camera, &bench.design, &stacks);
         let rest = View { maps: &maps, stacks: &stacks, ..bench.view(0) };
         assert!(find(&rest, &bench.view(1)).is_empty());
@@ -325,7 +323,7 @@ mod tests {
 
     #[test]
     fn one_quadrant_that_is_off_is_a_part_of_its_own() {
-        let volts = |e: &mut [f64], _: &mut crate::bench::Shot<'_>| {
+        let volts = |e: &mut [f64], _: &mut crate::shapes::bench::Shot<'_>| {
             for row in e.chunks_mut(WIDTH).skip(24) {
                 row[36..].iter_mut().for_each(|v| *v = *v * 1.012 + 4.0);
             }
@@ -340,7 +338,7 @@ mod tests {
 
     #[test]
     fn smooth_shading_and_nothing_have_no_seam() {
-        let charge = |e: &mut [f64], _: &mut crate::bench::Shot<'_>| {
+        let charge = |e: &mut [f64], _: &mut crate::shapes::bench::Shot<'_>| {
             for row in e.chunks_mut(WIDTH) {
                 for (x, v) in row.iter_mut().enumerate() {
                     let u = 2.0 * x as f64 / WIDTH as f64 - 1.0;

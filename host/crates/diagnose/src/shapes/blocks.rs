@@ -1,35 +1,35 @@
-//! Taps in both directions, as of four amplifiers, one for each quadrant, whose gains and offsets
-//! are no sums of a column's and a row's part.
+//! Taps in both directions, such as four amplifiers, one per quadrant, whose gains and offsets are
+//! not sums of a term per column of parts and a term per row of parts.
 
-use crate::Shape;
-use crate::seam::{MAPS, UNITS};
-use crate::seen::Seen;
-use crate::stage::Parts;
-use crate::view::{View, change_mean, gain};
+use super::Shape;
+use super::seen::Seen;
+use super::stage::{MAPS, Parts, UNITS};
+use super::view::{View, change_mean, gain};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::temporal::Temporal;
 use camrig_camera::Camera;
 use camrig_camera::empirical::Empirical;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::statistics::maps::{self, MapKind};
-use camrig_diagnose::statistics::temporal::Temporal;
 
-/// Standard errors by which the parts differ from sums of a column's and a row's part where they
-/// are parts of their own, and from which a level is told.
-const APART: f64 = 5.0;
+/// Standard errors of the interaction from which parts are not additive, and of a level from which
+/// it is reported.
+const SIGNIFICANT: f64 = 5.0;
 
-/// Parts of the sensor, each with its levels in the maps.
+/// Parts of the sensor with their levels in the maps.
 pub(crate) struct Blocks {
     /// First column of each column of parts, first row of each row of parts.
     columns: Vec<usize>,
     rows: Vec<usize>,
     size: (usize, usize),
-    /// Levels over the mean of all parts, in the order of the maps, row-major.
+    /// Levels minus the mean of all parts, in the order of the maps, row-major.
     levels: [Vec<Estimated>; 3],
     evidence: [f64; 2],
 }
 
-/// Means of the parts of a map, less the mean of all, in the unit that is told.
+/// Means of the parts of a map minus the mean of all, in the unit of findings.
 fn levels(view: &View<'_>, kind: MapKind, columns: &[usize], rows: &[usize]) -> Vec<Estimated> {
     let parts = columns.len() * rows.len();
     let Some(plane) = view.plane(kind) else {
@@ -54,13 +54,13 @@ fn levels(view: &View<'_>, kind: MapKind, columns: &[usize], rows: &[usize]) -> 
     (0..parts).map(of).collect()
 }
 
-/// The part of a line.
+/// The part that a line belongs to.
 fn part(line: usize, starts: &[usize]) -> usize {
     starts.partition_point(|s| *s <= line).max(1) - 1
 }
 
-/// The parts between seams of columns and of rows, where they are no sums; `evidence` is that of
-/// the seams.
+/// The parts between seams of columns and of rows, where their levels are not additive; `evidence`
+/// is that of the seams.
 pub(crate) fn of(
     fit: &View<'_>,
     held_out: &View<'_>,
@@ -70,25 +70,25 @@ pub(crate) fn of(
     let t = fit.stacks.first()?;
     let starts = |seams: Vec<usize>| [vec![0], seams].concat();
     let (columns, rows) = (starts(columns), starts(rows));
-    let mut apart = false;
+    let mut interact = false;
     let levels = MAPS.map(|kind| {
         let [a, b] = [fit, held_out].map(|view| levels(view, kind, &columns, &rows));
-        apart |= interacts(&a, columns.len()) && interacts(&b, columns.len());
+        interact |= interacts(&a, columns.len()) && interacts(&b, columns.len());
         let both =
             a.iter().zip(&b).map(|(a, b)| Estimated { value: (a.value + b.value) / 2.0, ..*a });
-        let told = a.iter().any(|e| e.z().abs() > APART);
+        let significant = a.iter().any(|e| e.z().abs() > SIGNIFICANT);
         let all: Vec<Estimated> = both.collect();
-        if told { all } else { vec![Estimated { value: 0.0, se: f64::NAN }; all.len()] }
+        if significant { all } else { vec![Estimated { value: 0.0, se: f64::NAN }; all.len()] }
     });
-    apart.then_some(Blocks { columns, rows, size: (t.width, t.height), levels, evidence })
+    interact.then_some(Blocks { columns, rows, size: (t.width, t.height), levels, evidence })
 }
 
-/// Whether levels are no sums of a column's and a row's part.
+/// Whether levels are not sums of a term per column of parts and a term per row of parts.
 fn interacts(levels: &[Estimated], columns: usize) -> bool {
     let corner = |x: usize, y: usize| {
         let [a, b, c, d] = [0, x, y * columns, y * columns + x].map(|i| levels[i]);
         let se = libm::hypot(libm::hypot(libm::hypot(a.se, b.se), c.se), d.se);
-        (a.value - b.value - c.value + d.value).abs() > APART * se
+        (a.value - b.value - c.value + d.value).abs() > SIGNIFICANT * se
     };
     let rows = levels.len() / columns;
     (1..columns).any(|x| (1..rows).any(|y| corner(x, y)))
@@ -100,7 +100,7 @@ impl Blocks {
         1.0 + self.levels[0][part].value
     }
 
-    /// Columns and rows of a part in words.
+    /// Columns and rows of a part, in words.
     fn place(&self, part: usize) -> String {
         let of = |i: usize, starts: &[usize], end: usize| {
             (starts[i], starts.get(i + 1).copied().unwrap_or(end) - 1)
@@ -124,16 +124,16 @@ impl Blocks {
             ("first_column", start(part % self.columns.len(), &self.columns)),
             ("first_row", start(part / self.columns.len(), &self.rows)),
         ];
-        let mut said = Vec::new();
-        let told = [
+        let mut differences = Vec::new();
+        let levels = [
             (relative.se, "gain_ratio", ratio, "gain ratio", ""),
             (offset.se, "offset_e", offset, "offset", " e⁻"),
             (dark.se, "dark_current_e_per_s", dark, "dark current", " e⁻/s"),
         ];
-        for (se, key, value, name, unit) in told {
+        for (se, key, value, name, unit) in levels {
             if se.is_finite() {
                 parameters.push((key, value));
-                said.push(format!("{name} {}{unit}", number(value)));
+                differences.push(format!("{name} {}{unit}", number(value)));
             }
         }
         Finding {
@@ -147,9 +147,9 @@ impl Blocks {
             evidence: self.evidence,
             shown: None,
             description: format!(
-                "a part of the sensor with an amplifier of its own (tap), {}: {} against {}",
+                "a part of the sensor with its own amplifier (tap), {}: {} against {}",
                 self.place(part),
-                said.join(", "),
+                differences.join(", "),
                 self.place(0),
             ),
         }
@@ -157,7 +157,7 @@ impl Blocks {
 }
 
 impl Shape for Blocks {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         let Some(dark) = maps::reference_dark(design) else { return };
         let shortest = design.conditions[dark].stack.exposure_s;
         let black = camera.sensor.black_level_dn;

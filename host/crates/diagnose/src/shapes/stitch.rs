@@ -1,41 +1,44 @@
-//! Two gains in one sample: above a signal a second amplifier with more noise and a slightly other
-//! gain takes over, chosen pixel by pixel.
+//! Dual gain: above a certain signal, chosen for each pixel, a second amplifier with more noise and
+//! a slightly different gain is used.
 //!
-//! The variance of the flats beside what the model predicts is a + b x + c [x above the step], the
-//! signal over the light 1 + a' + b'/x + d [x above the step]. A smooth law, x^e in place of the
-//! step, stands against it. The step is known between the samples of two levels only.
+//! The variance of the flats in excess of the prediction is a + b x + c [x above the step], and the
+//! signal over the light 1 + a' + b'/x + d [x above the step]. The alternative is a smooth model
+//! with x^e in place of the step. Its position is known only to lie between the samples of two
+//! levels.
 
-use crate::seen::{self, Seen};
-use crate::view::{View, gain};
-use crate::{FALSE_ALARMS, Shape, shapes};
+use super::seen::{self, Seen};
+use super::view::{View, gain};
+use super::{FALSE_ALARMS, Shape, shapes};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
+use crate::statistics::noise::frame_variance;
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Response, Table};
 use camrig_captures::Role;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
-use camrig_diagnose::statistics::noise::frame_variance;
-use camrig_diagnose::statistics::statistic::{Key, Place, What};
-use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use camrig_linear::{LeastSquares, Matrix, Vector};
 use camrig_sensor_core::effects::empirical::Quantity;
 
-/// Flats without which no step is told from a smooth law.
+/// Fewest flats that distinguish a step from a smooth model.
 const MIN_FLATS: usize = 5;
-/// Exponents of the smooth law.
+/// Exponents of the smooth model.
 const EXPONENTS: [f64; 8] = [0.5, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0];
 /// Relative scatter of the light that is allowed where the flats do not show more: that of a
 /// stabilised lamp with a calibrated photodiode (EMVA 1288).
 const LIGHT: f64 = 1e-4;
-/// Standard errors from which the held-out frames show it, and from which a ratio of gains is told.
-const SEEN_AGAIN: f64 = 4.0;
-/// χ² by which a smooth law may describe the noise better than the step, where the signal tells it.
-const AGAINST: f64 = 6.0;
-/// Places of a step that are tried between two levels, beside one of them.
-const PLACES: u32 = 200;
-/// Share of a stack's samples left out at each end for the range of its samples.
-const ENDS: f64 = 1e-4;
+/// Standard errors from which the held-out frames confirm it, and from which a ratio of gains is
+/// reported.
+const CONFIRMED_Z: f64 = 4.0;
+/// χ² by which a smooth model may fit the noise better than the step if the signal shows the step.
+const MAX_CHI2_DEFICIT: f64 = 6.0;
+/// Positions of a step that are tried between two levels.
+const POSITIONS: u32 = 200;
+/// Fraction of a stack's samples left out at each end to determine their range.
+const TAIL: f64 = 1e-4;
 
 /// A step of the response.
 pub(crate) struct Stitch {
@@ -50,7 +53,7 @@ pub(crate) struct Stitch {
     at_e: f64,
     /// Noise that is added above it, e⁻.
     more_e: Estimated,
-    /// Gain above it over that below; 1 where none is told.
+    /// Gain above it over that below; 1 where the difference is not significant.
     ratio: Estimated,
     /// A stack whose samples lie on both sides, with its id.
     astride: Option<(usize, String)>,
@@ -64,7 +67,7 @@ struct Level {
     /// Signal as predicted.
     signal: f64,
     flat: bool,
-    /// Variance beside the prediction, e².
+    /// Variance minus the prediction, e².
     excess: Estimated,
     /// Predicted variance, e².
     predicted: f64,
@@ -127,7 +130,7 @@ fn least_squares(columns: &[Vec<f64>], y: &[Estimated]) -> Option<(Estimated, f6
     Some((Estimated { value: fit.coefficients[last], se }, fit.chi2))
 }
 
-/// Columns of the laws of the variance: constant, in proportion to the signal, and one more.
+/// Regressors of the variance: constant, proportional to the signal, and one more.
 fn of_variance(levels: &[Level], more: Vec<f64>) -> Option<(Estimated, f64)> {
     let top = levels.last()?.signal;
     let one = vec![1.0; levels.len()];
@@ -136,7 +139,7 @@ fn of_variance(levels: &[Level], more: Vec<f64>) -> Option<(Estimated, f64)> {
     least_squares(&[one, x, more], &y)
 }
 
-/// 1 from a level on.
+/// 0 below a level, 1 from it on.
 fn above(levels: &[Level], from: usize) -> Vec<f64> {
     (0..levels.len()).map(|i| f64::from(u8::from(i >= from))).collect()
 }
@@ -152,10 +155,10 @@ fn of_gain(levels: &[Level], more: Vec<f64>) -> Option<(Estimated, f64)> {
     least_squares(&[one, offset, more], &y)
 }
 
-/// A law of the levels with one more column.
+/// Regressors with one more column.
 type Law = fn(&[Level], Vec<f64>) -> Option<(Estimated, f64)>;
 
-/// χ² that the smooth laws leave, at least.
+/// Smallest χ² of the smooth models.
 fn smooth(of: Law, levels: &[Level]) -> f64 {
     let top = levels.last().map_or(1.0, |l| l.signal);
     let left = |e: &f64| {
@@ -165,7 +168,7 @@ fn smooth(of: Law, levels: &[Level]) -> f64 {
     EXPONENTS.iter().filter_map(left).fold(f64::INFINITY, f64::min)
 }
 
-/// What a χ² is over its degrees of freedom, at least 1.
+/// Reduced χ², at least 1.
 fn spread(chi: f64, dof: f64) -> f64 {
     (chi / dof.max(1.0)).max(1.0)
 }
@@ -181,12 +184,12 @@ struct Tried {
     /// Steps of the variance, and of the gain.
     variance: [Estimated; 2],
     gain: [Estimated; 2],
-    /// By how much χ² of the variances falls from the best smooth law to the step.
+    /// Fall of χ² of the variances from the best smooth model to the step.
     evidence: [f64; 2],
-    /// The same of the signal, in units of what the step leaves; of the frames to fit alone, since
-    /// the light of a flat is off in all its frames alike.
+    /// The same for the signal, in units of the residual of the step; for the frames to fit only,
+    /// since the error of a flat's light is common to all its frames.
     signal: f64,
-    /// What a χ² of the variances is over its degrees of freedom.
+    /// Reduced χ² of the variances.
     left: f64,
 }
 
@@ -220,15 +223,14 @@ impl Tried {
         self.evidence[0] + self.evidence[1] + self.signal
     }
 
-    /// Whether both halves show more noise above the step, and chance does not give the best of so
-    /// many.
+    /// Whether both halves show more noise above the step, significantly for the best of so many.
     fn is_seen(&self, tried: usize) -> bool {
-        // χ² of one degree of freedom.
+        // χ² with one degree of freedom.
         let limit = 2.0 * self.left * libm::log(tried as f64 / FALSE_ALARMS);
         let [a, b] = self.variance;
-        a.z() + b.z() > SEEN_AGAIN * 2f64.sqrt()
+        a.z() + b.z() > CONFIRMED_Z * 2f64.sqrt()
             && a.value.min(b.value) > 0.0
-            && self.evidence[0] + self.evidence[1] > -AGAINST
+            && self.evidence[0] + self.evidence[1] > -MAX_CHI2_DEFICIT
             && self.in_all() > limit
     }
 }
@@ -265,8 +267,8 @@ fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
     let evidence = [first + best.signal, second];
     let [a, b] = &best.levels;
     let [d, d2] = best.gain;
-    let told = d.z().abs() > SEEN_AGAIN && d2.z() * d.value.signum() > SEEN_AGAIN / 2.0;
-    let ratio = match told {
+    let significant = d.z().abs() > CONFIRMED_Z && d2.z() * d.value.signum() > CONFIRMED_Z / 2.0;
+    let ratio = match significant {
         true => Estimated { value: 1.0 + (d.value + d2.value) / 2.0, se: d.se / 2f64.sqrt() },
         false => Estimated { value: 1.0, se: f64::NAN },
     };
@@ -276,7 +278,7 @@ fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
     let dark = maps::reference_dark(fit.design)?;
     let black = fit.stacks[dark].level();
     let open_dn =
-        [quantile(&fit.stacks[below.stack], 1.0 - ENDS), quantile(&fit.stacks[over.stack], ENDS)];
+        [quantile(&fit.stacks[below.stack], 1.0 - TAIL), quantile(&fit.stacks[over.stack], TAIL)];
     let open_e = [
         (open_dn[0] - black) / fit.gain(below.stack),
         (open_dn[1] - black) / fit.gain(over.stack),
@@ -302,20 +304,20 @@ fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Estimated> {
     let mut found = Vec::new();
     for levels in halves {
         let (below, over) = levels.split_at(at);
-        // A slope of the variance, of a gain that the model has wrong, is that of the levels below.
+        // The slope of the variance, of a gain error in the model, is that of the levels below.
         let top = below.last()?.signal.max(1e-9);
         let one = vec![1.0; below.len()];
         let x: Vec<f64> = below.iter().map(|l| l.signal / top).collect();
         let y: Vec<Estimated> = below.iter().map(|l| l.excess).collect();
         let (slope, _) = least_squares(&[one, x], &y)?;
-        let slope = if slope.z().abs() > SEEN_AGAIN { slope.value / top } else { 0.0 };
+        let slope = if slope.z().abs() > CONFIRMED_Z { slope.value / top } else { 0.0 };
         found.extend(over.iter().map(|l| {
             let own = l.predicted + slope * l.signal;
             let variance = l.excess.value + l.predicted;
             Estimated { value: variance - ratio * ratio * own, se: l.excess.se }
         }));
     }
-    let variance = camrig_diagnose::evidence::pooled(found)?;
+    let variance = crate::evidence::pooled(found)?;
     let sigma = variance.value.max(0.0).sqrt();
     (sigma > 0.0).then(|| Estimated { value: sigma, se: variance.se / (2.0 * sigma) })
 }
@@ -329,18 +331,18 @@ fn place(l: &Level, [low, high]: [f64; 2], more_e: f64, ratio: f64) -> f64 {
         let z = (step - l.signal) / sd;
         let part = 0.5 * libm::erfc(z / std::f64::consts::SQRT_2);
         let density = libm::exp(-z * z / 2.0) / std::f64::consts::TAU.sqrt();
-        // Samples that are above the step are higher than others anyhow.
+        // Samples above the step are higher than others in any case.
         let noise = part * more_e * more_e
             + change * change * part * (1.0 - part)
             + 2.0 * change * sd * density;
         ((noise - l.excess.value) / l.excess.se).powi(2)
             + (((ratio - 1.0) * part - l.ratio.value) / l.ratio.se).powi(2)
     };
-    let steps = (0..=PLACES).map(|i| low + (high - low) * f64::from(i) / f64::from(PLACES));
+    let steps = (0..=POSITIONS).map(|i| low + (high - low) * f64::from(i) / f64::from(POSITIONS));
     steps.min_by(|x, y| left(x).total_cmp(&left(y))).unwrap_or(low)
 }
 
-/// The code below which a share of a stack's samples lies, DN.
+/// Quantile of a stack's samples, DN.
 fn quantile(t: &Temporal, share: f64) -> f64 {
     let total: f64 = t.histogram.iter().map(|&n| f64::from(n)).sum();
     let mut sum = 0.0;
@@ -352,7 +354,7 @@ fn quantile(t: &Temporal, share: f64) -> f64 {
 }
 
 impl Shape for Stitch {
-    fn take_out(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
+    fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         let Some(dark) = maps::reference_dark(design) else { return };
         let black = stacks[dark].level();
         let middle = (self.levels_e[0] + self.levels_e[1]) / 2.0;
@@ -362,7 +364,7 @@ impl Shape for Stitch {
                 continue;
             }
             let r = self.ratio.value;
-            crate::view::change_mean(camera, t, &|_, _, v| black + (v - black) / r);
+            super::view::change_mean(camera, t, &|_, _, v| black + (v - black) / r);
             let old = mean(&t.pixel_variance);
             let new = (old - (k * self.more_e.value).powi(2)).max(0.0) / (r * r);
             let ratio = new / old.max(1e-12);
@@ -378,15 +380,15 @@ impl Shape for Stitch {
         }
     }
 
-    fn sets_aside(&self, _: &Design, (place, _): &Key) -> bool {
-        // The map of how the response bends has the noise above the step, and a stack on both
-        // sides what no factor takes out.
+    fn shows_in(&self, _: &Design, (place, _): &Key) -> bool {
+        // The map of curvature has the noise above the step, and a stack on both sides of it cannot
+        // be corrected by a factor.
         *place == Place::Map(MapKind::Curvature)
             || self.astride.as_ref().is_some_and(|(stack, _)| *place == Place::Stack(*stack))
     }
 
     fn stages(&self, camera: &mut Camera, _: &Design) -> Vec<Empirical> {
-        // Beyond the converter's scale nothing is seen.
+        // Beyond the converter's range there are no samples.
         let step = self.at_e;
         let top = 2.0 * camera.sensor.full_well_e.max(step);
         let (more, noise) = (self.ratio.value - 1.0, self.more_e.value);
@@ -412,7 +414,7 @@ impl Shape for Stitch {
             false => " with the same gain".into(),
         };
         let place = match &self.astride {
-            None => "a flat between the two would tell the place".into(),
+            None => "a flat between the two would determine the position".into(),
             Some((_, id)) => format!("{id} has samples on both sides of it"),
         };
         let mut parameters = vec![
@@ -433,7 +435,7 @@ impl Shape for Stitch {
             description: format!(
                 "a step of the response (two gains in one sample) between {low:.0} and {high:.0} \
                  e⁻ ({low_dn:.0} and {high_dn:.0} DN), where neither {first} nor {second} has \
-                 samples: above it there are {} e⁻ of noise more{ratio}; {place}",
+                 samples: above it noise is higher by {} e⁻{ratio}; {place}",
                 number(self.more_e),
             ),
         }]
@@ -443,7 +445,7 @@ impl Shape for Stitch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{Hidden, Shot, figure, shoot};
+    use crate::shapes::bench::{Hidden, Shot, figure, shoot};
 
     #[test]
     fn a_second_amplifier_is_told_from_a_bent_response() {

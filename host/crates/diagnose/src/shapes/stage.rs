@@ -1,21 +1,42 @@
 //! How a shape becomes a stage of the sensor model: `[[effect]] kind = "empirical"`.
 
+use super::Shape;
+use crate::data::design::Design;
+use crate::model::effects;
+use crate::statistics::maps::{self, MapKind};
 use camrig_base::Result;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Curve, Empirical, Seam, Step, Table};
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::model::effects;
-use camrig_diagnose::statistics::maps;
 use camrig_sensor_core::effects::empirical::Quantity;
 
-/// Puts a stage into a camera, behind those it has.
-pub(crate) fn add(camera: &mut Camera, effect: Empirical) -> Result<()> {
-    let stage = camera.keep(effect)?;
-    effects::add(camera, stage);
-    Ok(())
+/// Maps in which parts of the sensor differ, in the order of the levels of [`Parts`].
+pub(crate) const MAPS: [MapKind; 3] = [MapKind::Gain, MapKind::Offset, MapKind::DarkCurrent];
+/// What they show, with its unit.
+pub(crate) const UNITS: [&str; 3] = ["relative gain", "offset, e⁻", "dark current, e⁻/s"];
+
+/// A camera with stages that simulate shapes, added after its own.
+pub(crate) fn with_stages(
+    camera: &Camera,
+    design: &Design,
+    shapes: &[Box<dyn Shape>],
+) -> Result<Camera> {
+    let mut camera = camera.clone();
+    for shape in shapes {
+        let findings = shape.findings();
+        let description: Vec<&str> = findings.iter().map(|f| f.description.as_str()).collect();
+        let description = Some(description.join("; "));
+        let evidence = findings.first().map(|f| f.evidence[0]);
+        for stage in shape.stages(&mut camera, design) {
+            let description = description.clone();
+            let stage = camera.keep(Empirical { description, evidence, ..stage })?;
+            effects::add(&mut camera, stage);
+        }
+    }
+    camera.check_chain()?;
+    Ok(camera)
 }
 
-/// A stage of dark current as it is in the darks of a set, which grows with the temperature as the
+/// A stage of dark current at the temperature of a set's darks, which grows with temperature as the
 /// camera's does.
 pub(crate) fn dark(camera: &Camera, design: &Design, table: Table, rate: f64) -> Empirical {
     let temperature = (camera.sensor.noise.dark_doubling_c, temperature(camera, design));
@@ -28,9 +49,9 @@ fn temperature(camera: &Camera, design: &Design) -> f64 {
     dark.map_or(camera.sensor.temperature_c, |i| design.conditions[i].stack.temperature_c)
 }
 
-/// Moves up to `rate` of the camera's mean dark current, e⁻/s at the temperature of the darks,
-/// into a stage, and gives how much that is: charge is not taken away from pixels, they have less
-/// of it from the start.
+/// Moves up to `rate` of the camera's mean dark current, e⁻/s at the temperature of the darks, into
+/// a stage, and returns how much was moved. A stage cannot remove charge from pixels, so that where
+/// they have less, the camera's own dark current is lowered for all.
 pub(crate) fn take_dark(camera: &mut Camera, design: &Design, rate: f64) -> f64 {
     let at_c = temperature(camera, design);
     let noise = &mut camera.sensor.noise;
@@ -45,11 +66,11 @@ pub(crate) fn shortest_s(design: &Design) -> f64 {
     maps::reference_dark(design).map_or(0.0, |i| design.conditions[i].stack.exposure_s)
 }
 
-/// What parts of the sensor have, between first columns and first rows.
+/// Parts of the sensor, which begin at certain columns and rows, and their levels.
 pub(crate) struct Parts<'a> {
     pub columns: &'a [usize],
     pub rows: &'a [usize],
-    /// Relative gain less 1, offset (e⁻) in the shortest darks, dark current (e⁻/s), row by row of
+    /// Relative gain minus 1, offset (e⁻) in the shortest darks, dark current (e⁻/s), row by row of
     /// parts.
     pub levels: [Vec<f64>; 3],
 }
@@ -98,10 +119,10 @@ impl Parts<'_> {
     }
 }
 
-/// A fall e^(−x/L) along lines of `n` pixels as a curve.
+/// A decay e^(−x/L) along lines of `n` pixels as a curve.
 pub(crate) fn fall(n: usize, length: f64, from_end: bool) -> Curve {
-    /// Lengths between knots, where a straight line is off by 0.2 %, and after which nothing is
-    /// left (0.02 %).
+    /// Decay lengths between knots, for which linear interpolation is accurate to 0.2 %, and where
+    /// the curve ends (0.02 % is left).
     const STEP: f64 = 0.125;
     const END: f64 = 8.5;
     let knots = (0..).map(|i| f64::from(i) * STEP).take_while(|u| *u < END);

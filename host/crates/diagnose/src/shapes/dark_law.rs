@@ -1,44 +1,47 @@
-//! The law of the dark current over pixels: log-normal, as sensors have it, against the
-//! catalogue's, a normal law with hot pixels of an exponential one beside it.
+//! The distribution of the dark current over pixels: log-normal, as in many sensors, compared with
+//! the catalogue's, a normal distribution plus hot pixels with an exponential one.
 //!
-//! Both by likelihood over the dark-current map, blurred by the temporal noise of a pixel of each
-//! rate.
+//! Both are fitted to the histogram of the dark-current map by maximum likelihood, convolved with
+//! the temporal noise of a pixel of each rate.
 
-use crate::seen::Seen;
-use crate::stage;
-use crate::view::View;
-use crate::{FALSE_ALARMS, Shape, shapes};
+use super::seen::Seen;
+use super::stage;
+use super::view::View;
+use super::{FALSE_ALARMS, Shape, shapes};
+use crate::data::design::Design;
+use crate::evidence::Estimated;
+use crate::finding::{Finding, number};
+use crate::numerics::minimise::lowest;
+use crate::report::{Dependence, Domain, Form};
+use crate::statistics::maps::{self, MapKind};
+use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::temporal::{Temporal, mean};
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Law, Table};
 use camrig_captures::Role;
-use camrig_diagnose::data::design::Design;
-use camrig_diagnose::evidence::Estimated;
-use camrig_diagnose::finding::{Dependence, Domain, Finding, Form, number};
-use camrig_diagnose::numerics::minimise::lowest;
-use camrig_diagnose::statistics::maps::{self, MapKind};
-use camrig_diagnose::statistics::statistic::{Key, Place, What};
-use camrig_diagnose::statistics::temporal::{Temporal, mean};
 use std::f64::consts::SQRT_2;
 
-/// Bins of the map's values, and the share of pixels beyond them at the top.
+/// Bins of the map's values.
 const BINS: usize = 60;
-const BEYOND: f64 = 0.002;
-/// Nodes of a law, and how far they reach, standard deviations.
+/// Fraction of the pixels above the last bin.
+const ABOVE_BINS: f64 = 0.002;
+/// Nodes at which a distribution is sampled.
 const NODES: usize = 61;
-const REACH: f64 = 4.5;
-/// Spreads of the logarithm that are looked for: below, the law is nearly normal.
+/// The outermost nodes, standard deviations.
+const OUTERMOST: f64 = 4.5;
+/// Range of the logarithm's standard deviation: below it the distribution is nearly normal.
 const SPREADS: [f64; 2] = [0.05, 1.8];
-/// Rounds in which the four parameters of the catalogue's law are settled, two at a time.
+/// Rounds in which the four parameters of the catalogue's distribution are fitted, two at a time.
 const ROUNDS: usize = 3;
-/// Standard errors of the correlation of neighbours, and correlation, up to which they are
-/// independent: the border's pixels hold their neighbours' values, which makes two errors of it,
-/// and large sensors show correlations that change no law.
-const WHITE: f64 = 6.0;
-const TOGETHER: f64 = 0.05;
-/// Share of the pixels that may be hot, by powers of e.
-const HOT: [f64; 2] = [-9.0, -0.7];
+/// Standard errors up to which the correlation of neighbours is not significant: the border's
+/// pixels are copies of their neighbours, which makes two standard errors of it.
+const MAX_CORRELATION_Z: f64 = 6.0;
+/// Correlation of neighbours that does not affect the distribution, significant or not.
+const MAX_CORRELATION: f64 = 0.05;
+/// Range of the natural logarithm of the fraction of hot pixels.
+const LN_HOT: [f64; 2] = [-9.0, -0.7];
 
-/// A log-normal law of the dark current.
+/// A log-normal distribution of the dark current.
 pub(crate) struct DarkLaw {
     mean: Estimated,
     spread: Estimated,
@@ -47,18 +50,18 @@ pub(crate) struct DarkLaw {
     evidence: [f64; 2],
 }
 
-/// The law that both halves show.
+/// The distribution that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     shapes(law(fit, held_out))
 }
 
-/// Counts of a map's values, and the noise of a value.
+/// A histogram of a map's values, and the noise of a value.
 struct Histogram {
     edges: Vec<f64>,
     counts: Vec<f64>,
     pixels: f64,
     mean: f64,
-    /// Variance of a pixel of no dark current, and what each e⁻/s of it adds.
+    /// Variance of a pixel without dark current, and the increase per e⁻/s of it.
     noise: (f64, f64),
 }
 
@@ -69,7 +72,7 @@ impl Histogram {
         let mut values: Vec<f64> = plane.data.iter().map(|&v| f64::from(v)).collect();
         values.sort_by(f64::total_cmp);
         let edges = edges.unwrap_or_else(|| {
-            let top = values[((1.0 - BEYOND) * (values.len() - 1) as f64) as usize];
+            let top = values[((1.0 - ABOVE_BINS) * (values.len() - 1) as f64) as usize];
             let low = values[0];
             (0..=BINS).map(|i| low + (top - low) * i as f64 / BINS as f64).collect()
         });
@@ -86,13 +89,13 @@ impl Histogram {
         });
         let longer = b.1 - a.1;
         let shot = (a.1 / a.2 as f64 + b.1 / b.2 as f64) / (longer * longer);
-        // The stacks' variance holds the shot noise of the mean rate.
+        // The stacks' variance includes the shot noise of the mean rate.
         let all = (a.0 + b.0) / (longer * longer);
         let noise = ((all - shot * mean_rate).max(0.1 * all), shot);
         (mean_rate > 0.0).then_some(Self { edges, counts, pixels, mean: mean_rate, noise })
     }
 
-    /// Twice the negative log-likelihood of a law given as rates with their shares.
+    /// Twice the negative log-likelihood of a distribution, given as rates with their weights.
     fn cost(&self, law: &[(f64, f64)]) -> f64 {
         let mut shares = vec![1e-12; self.counts.len()];
         for &(rate, share) in law {
@@ -110,22 +113,22 @@ impl Histogram {
     }
 }
 
-/// Normal deviates with their shares.
+/// Normal deviates with their weights.
 fn nodes() -> Vec<(f64, f64)> {
-    let step = 2.0 * REACH / (NODES - 1) as f64;
-    let z = (0..NODES).map(|i| -REACH + step * i as f64);
+    let step = 2.0 * OUTERMOST / (NODES - 1) as f64;
+    let z = (0..NODES).map(|i| -OUTERMOST + step * i as f64);
     let all: Vec<(f64, f64)> = z.map(|z| (z, libm::exp(-z * z / 2.0))).collect();
     let sum: f64 = all.iter().map(|n| n.1).sum();
     all.into_iter().map(|(z, w)| (z, w / sum)).collect()
 }
 
-/// A log-normal law by its mean and the spread of its logarithm.
+/// A log-normal distribution with a mean and a standard deviation of the logarithm.
 fn log_normal(nodes: &[(f64, f64)], ln_mean: f64, spread: f64) -> Vec<(f64, f64)> {
     let middle = ln_mean - spread * spread / 2.0;
     nodes.iter().map(|(z, w)| (libm::exp(middle + spread * z), *w)).collect()
 }
 
-/// A normal law, and a share of pixels with an exponential excess beside it.
+/// A normal distribution, and a fraction of pixels with an exponential excess.
 fn with_hot(nodes: &[(f64, f64)], [m, s, ln_share, ln_hot]: [f64; 4]) -> Vec<(f64, f64)> {
     let share = libm::exp(ln_share);
     let cold = nodes.iter().map(|(z, w)| (m + s * z, w * (1.0 - share)));
@@ -135,15 +138,15 @@ fn with_hot(nodes: &[(f64, f64)], [m, s, ln_share, ln_hot]: [f64; 4]) -> Vec<(f6
     cold.chain(hot).collect()
 }
 
-/// Whether neighbours in the dark-current map do not go together: a law over pixels is not a glow,
-/// whose places have a law too.
+/// Whether neighbours in the dark-current map are uncorrelated: a glow also has a distribution over
+/// pixels, but a spatial structure.
 fn is_white(view: &View<'_>) -> bool {
     let Some(plane) = view.plane(MapKind::DarkCurrent) else { return false };
     let (w, map) = (plane.width, view.levelled(plane).data);
     let power: f64 = map.iter().map(|&v| f64::from(v).powi(2)).sum();
     let pairs = |apart: usize| map.iter().zip(&map[apart.min(map.len())..]);
     let products = |apart| pairs(apart).map(|(a, b)| f64::from(a * b)).sum::<f64>();
-    let least = power * (WHITE / (map.len() as f64).sqrt()).max(TOGETHER);
+    let least = power * (MAX_CORRELATION_Z / (map.len() as f64).sqrt()).max(MAX_CORRELATION);
     [1, w].into_iter().all(|apart| products(apart).abs() < least)
 }
 
@@ -157,7 +160,7 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
     let around = libm::log(a.mean);
     let of = |h: &Histogram, m: f64, s: f64| h.cost(&log_normal(&nodes, m, s));
     let (m, s) = lowest(|m, s| of(&a, m, s), [around - 0.7, around + 0.7], SPREADS);
-    // The catalogue's law, two parameters at a time.
+    // The catalogue's distribution, two parameters at a time.
     let width = a.mean * s.min(1.0);
     let mut rival = [a.mean, width, -4.0, libm::log(a.mean) + 1.0];
     for _ in 0..ROUNDS {
@@ -169,18 +172,18 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
         );
         let (p, q) = lowest(
             |p, q| a.cost(&with_hot(&nodes, [x, y, p, q])),
-            HOT,
+            LN_HOT,
             [around - 2.0, around + 4.0],
         );
         rival = [x, y, p, q];
     }
-    // Two parameters fewer: Schwarz's ln n for each.
+    // Two parameters fewer: ln n for each (Schwarz 1978).
     let fewer = 2.0 * libm::log(a.pixels);
     let evidence = [
         a.cost(&with_hot(&nodes, rival)) - of(&a, m, s) + fewer,
         b.cost(&with_hot(&nodes, rival)) - of(&b, m, s),
     ];
-    // A normal law is the log-normal of no spread: near it nothing is told.
+    // A normal distribution is the limit of a narrow log-normal: near it the two look the same.
     if evidence[0] < fewer - 2.0 * libm::log(FALSE_ALARMS)
         || evidence[1] < 0.0
         || s < 2.0 * SPREADS[0]
@@ -191,7 +194,7 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
     let ratio = (libm::exp(s * s) - 1.0).sqrt();
     let spread_se = s / (2.0 * a.pixels).sqrt();
     let sd = mean * ratio;
-    // d(sd)/ds at a mean that is known: mean e^(s²) s/ratio.
+    // d(sd)/ds at a known mean: mean e^(s²) s/ratio.
     let by_spread = mean * libm::exp(s * s) * s / ratio;
     let mean_se = (sd * sd + a.noise.0).sqrt() / a.pixels.sqrt();
     Some(DarkLaw {
@@ -204,12 +207,12 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
 }
 
 impl Shape for DarkLaw {
-    fn take_out(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
+    fn subtract(&self, _: &Camera, _: &Design, _: &mut [Temporal]) {}
 
-    fn sets_aside(&self, design: &Design, (place, what): &Key) -> bool {
+    fn shows_in(&self, design: &Design, (place, what): &Key) -> bool {
         match place {
             Place::Map(MapKind::DarkCurrent) => true,
-            // Pixels of more dark charge have more shot noise.
+            // Pixels with more dark charge have more shot noise.
             Place::Stack(i) => {
                 let stack = &design.conditions[*i].stack;
                 let by_pixel = matches!(
@@ -230,7 +233,7 @@ impl Shape for DarkLaw {
     }
 
     fn stages(&self, camera: &mut Camera, design: &Design) -> Vec<Empirical> {
-        // The law has all of the dark current.
+        // The stage has all of the dark current.
         camera.sensor.noise.dark_current_e_per_s = 0.0;
         camera.sensor.noise.dsnu_e_per_s = 0.0;
         let spread = self.spread.value;
@@ -260,7 +263,7 @@ impl Shape for DarkLaw {
             shown: None,
             description: format!(
                 "dark current that is log-normal over pixels: mean {} e⁻/s, standard deviation {} \
-                 e⁻/s, its logarithm spreads by {}",
+                 e⁻/s, standard deviation of its logarithm {}",
                 number(self.mean),
                 number(self.sd),
                 number(self.spread),
@@ -272,7 +275,7 @@ impl Shape for DarkLaw {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
+    use crate::shapes::bench::{HEIGHT, Hidden, Shot, WIDTH, figure, shoot};
     use rand_distr::{Distribution, Normal};
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
@@ -285,7 +288,7 @@ mod tests {
         let add = |e: &mut [f64], shot: &Shot<'_>, rate: &dyn Fn(usize) -> f64| {
             e.iter_mut().enumerate().for_each(|(i, v)| *v += rate(i) * shot.exposure_s);
         };
-        // Mean 12 e⁻/s, which the bench has, spread 0.7.
+        // Mean 12 e⁻/s, that of the bench, spread 0.7.
         let law = |i: usize| 12.0 * ((0.7 * z[i] - 0.245).exp() - 1.0);
         let hot = |i: usize| if i.is_multiple_of(97) { 200.0 } else { 0.0 };
         let glow = |i: usize| 60.0 * (-((i % WIDTH) as f64) / 6.0).exp();

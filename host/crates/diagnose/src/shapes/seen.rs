@@ -1,15 +1,15 @@
-//! How a shape is shown: a curve or a coarse map of it, of any moments, measured or simulated.
+//! How a shape appears in moments, measured or simulated: a curve or a coarse map.
 
-use crate::view::View;
+use super::view::View;
 use camrig_base::Plane;
-use camrig_diagnose::report::Shown;
 
-/// Points of a curve, at most.
-const POINTS: usize = 64;
-/// Columns and rows of a map, at most.
-const CELLS: (usize, usize) = (32, 24);
+/// Most points of a curve.
+const MAX_POINTS: usize = 64;
+/// Most columns and rows of a map.
+const MAX_COLUMNS: usize = 32;
+const MAX_ROWS: usize = 24;
 
-/// What some moments show of a shape.
+/// A curve or a map of a shape in some moments.
 pub(crate) struct Seen {
     /// What lies along the curve, or the map, with its unit.
     pub x: &'static str,
@@ -36,7 +36,7 @@ impl Seen {
 
     /// A value for each of some lines, as means of few neighbours.
     pub fn lines(x: &'static str, y: &'static str, values: &[f64]) -> Self {
-        let size = values.len().div_ceil(POINTS).max(1);
+        let size = values.len().div_ceil(MAX_POINTS).max(1);
         let point = |(i, group): (usize, &[f64])| {
             let n = group.len() as f64;
             [(i * size) as f64 + (n - 1.0) / 2.0, group.iter().sum::<f64>() / n]
@@ -46,8 +46,8 @@ impl Seen {
 
     /// A map, as means of cells.
     pub fn map(y: &'static str, plane: &Plane<f32>, unit: f64) -> Self {
-        let across = plane.width.div_ceil(CELLS.0).max(1);
-        let down = plane.height.div_ceil(CELLS.1).max(1);
+        let across = plane.width.div_ceil(MAX_COLUMNS).max(1);
+        let down = plane.height.div_ceil(MAX_ROWS).max(1);
         let columns = plane.width.div_ceil(across);
         let mut values = Vec::new();
         for rows in plane.data.chunks(plane.width * down) {
@@ -81,32 +81,14 @@ impl Seen {
     }
 }
 
-/// What a shape shows of the moments measured, of the model as given and of the improved one.
-pub(crate) fn shown(seen: [Option<Seen>; 3]) -> Option<Shown> {
-    let [Some(measured), Some(before), Some(after)] = seen else { return None };
-    let rounded = |v: &[f64]| -> Vec<Option<f64>> {
-        let finite = |v: &f64| v.is_finite().then(|| camrig_base::toml_text::seven_figures(*v));
-        v.iter().map(finite).collect()
-    };
-    Some(Shown {
-        at: measured.at.clone(),
-        columns: measured.columns,
-        measured: rounded(&measured.values),
-        model_after: rounded(&after.values),
-        model_before: rounded(&before.values),
-        x: measured.x.into(),
-        y: measured.y.into(),
-    })
-}
-
 /// Standard deviation over the frames of a stack, e⁻, and its signal, e⁻, for each stack.
 pub(crate) fn noise_over_signal(view: &View<'_>) -> Option<Seen> {
-    let dark = camrig_diagnose::statistics::maps::reference_dark(view.design)?;
+    let dark = crate::statistics::maps::reference_dark(view.design)?;
     let black = view.stacks[dark].level();
     let mut points: Vec<[f64; 2]> = (view.stacks.iter().enumerate())
         .map(|(i, t)| {
             let k = view.gain(i);
-            let variance = camrig_diagnose::statistics::temporal::mean(&t.pixel_variance);
+            let variance = crate::statistics::temporal::mean(&t.pixel_variance);
             [(t.level() - black) / k, variance.sqrt() / k]
         })
         .collect();
