@@ -6,6 +6,7 @@
 //! columns, bands, in the order in which MATLAB or h5py show them.
 
 use super::cube::{BandSource, Cube};
+use super::selection::Stated;
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Strided};
 use super::{hdf5, isetcam, matlab, units};
@@ -40,6 +41,32 @@ const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
 const MAX_BANDS: usize = 1 << 16;
 /// Bands beyond which a last axis is more likely one of pixels, where the first is shorter.
 const MANY_BANDS: usize = 300;
+
+/// Attributes of packed samples in the CF conventions (1.11, section 8.1 and 2.5.1): gain, offset and
+/// two names of the sample that stands for no data.
+const CF: [&str; 4] = ["scale_factor", "add_offset", "_FillValue", "missing_value"];
+
+/// What the samples of an array stand for: `gain * sample + offset` in the array's unit.
+struct Packing {
+    gain: f64,
+    offset: f64,
+    /// The sample that stands for no data.
+    ignored: Option<f64>,
+}
+
+impl Packing {
+    /// The same of samples that come multiplied by `scale`, which makes the array's unit the scene's.
+    fn stated(&self, bands: usize, scale: f32) -> Stated {
+        let is_packed = self.gain != 1.0 || self.offset != 0.0;
+        let all = |value: f64| is_packed.then(|| vec![value; bands]);
+        Stated {
+            gain: all(self.gain),
+            offset: all(self.offset * f64::from(scale)),
+            ignored: self.ignored.map(|value| value as f32 * scale),
+            ..Stated::default()
+        }
+    }
+}
 
 /// A file of named arrays.
 struct Arrays<'a> {
@@ -97,6 +124,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let scale = arrays.quantity(name, sidecar, &mut own)?;
     let source = arrays.cube(name, shape, &axes, scale)?;
     let bands = source.bands();
+    own.stated = arrays.packing(name, sidecar, &mut own)?.stated(bands, scale);
     let wavelengths = wavelengths.filter(|(_, nm)| nm.len() == bands);
     own.understood.extend(wavelengths.iter().map(|(of, _)| format!("wavelengths from {of:?}")));
     own.usual = usual(name, bands);
@@ -362,12 +390,40 @@ impl<'a> Arrays<'a> {
             }
             None => sidecar.scale.unwrap_or(1.0),
         };
+        attributes.retain(|attribute| !CF.contains(&&*attribute.name));
         if !attributes.is_empty() {
             let names: Vec<String> = attributes.into_iter().map(|of| of.name).collect();
             let names = names.join(", ");
             own.notes.push(format!("attributes of {name:?} that were not used: {names}"));
         }
         Ok(scale)
+    }
+
+    /// How the samples of an array are packed, by the CF conventions.
+    fn packing(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<Packing> {
+        let attributes = self.attributes(name)?;
+        let number = |name: &str| {
+            let attribute = attributes.iter().find(|attribute| attribute.name == name)?;
+            attribute.numbers.as_ref()?.first().copied()
+        };
+        let [gain, offset, fill, missing] = CF.map(number);
+        let packing = Packing {
+            gain: gain.unwrap_or(1.0),
+            offset: offset.unwrap_or(0.0),
+            ignored: fill.or(missing),
+        };
+        if packing.gain == 1.0 && packing.offset == 0.0 {
+            return Ok(packing);
+        }
+        if sidecar.scales_samples() {
+            own.notes.push("scale_factor and add_offset give way to the scale given".into());
+            return Ok(Packing { gain: 1.0, offset: 0.0, ..packing });
+        }
+        own.understood.push(format!(
+            "samples times {} plus {}, as scale_factor and add_offset say",
+            packing.gain, packing.offset
+        ));
+        Ok(packing)
     }
 
     /// The array as a cube; `axes` in the order of `shape`.
@@ -435,22 +491,31 @@ mod tests {
         assert!(v5.understood().join("\n").contains("from \"wavelengths\""));
     }
 
+    /// Packed by the CF conventions: 0.1 + 0.001 · 250 = 0.35.
     #[test]
-    fn attributes_that_could_change_the_samples_are_told() {
+    fn packed_samples_are_unpacked_and_other_attributes_told() {
+        use hdf5_pure::AttrValue::{F64, I64};
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("cube.h5");
+        let path = folder.path().join("cube.nc");
         let mut file = hdf5_pure::FileBuilder::new();
+        let samples: Vec<f64> = (0..62).map(|i| if i < 31 { 250.0 } else { -999.0 }).collect();
         file.create_dataset("cube")
-            .with_f64_data(&[0.5; 31])
-            .with_shape(&[1, 1, 31])
-            .set_attr("scale_factor", hdf5_pure::AttrValue::F64(2.0));
+            .with_f64_data(&samples)
+            .with_shape(&[1, 2, 31])
+            .set_attr("scale_factor", F64(0.001))
+            .set_attr("add_offset", F64(0.1))
+            .set_attr("_FillValue", I64(-999))
+            .set_attr("valid_max", I64(999));
         file.write(&path).unwrap();
         let cube = open_file(path.to_str().unwrap()).unwrap();
+        let found = &cube.band(0).unwrap().data;
+        assert!((found[0] - 0.35).abs() < 1e-6 && found[1] == 0.0, "{found:?}");
         let said = crate::Scene::notes(&cube).join("\n");
-        assert!(
-            said.contains("attributes of \"cube\" that were not used: scale_factor"),
-            "{said}"
-        );
+        assert!(said.contains("attributes of \"cube\" that were not used: valid_max"), "{said}");
+        let scaled = open_file(&format!("{}:scale=0.002", path.display())).unwrap();
+        assert!((scaled.band(0).unwrap().data[0] - 0.5).abs() < 1e-6);
+        let said = crate::Scene::notes(&scaled).join("\n");
+        assert!(said.contains("give way to the scale given"), "{said}");
     }
 
     /// An array of 1 x 2 x 3 with wavelengths, and units of both.

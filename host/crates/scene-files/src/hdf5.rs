@@ -275,7 +275,7 @@ pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
     Ok(arrays)
 }
 
-/// An attribute; its value if that is text, or a list of numbers.
+/// An attribute; its value if that is text, or numbers.
 #[derive(Clone)]
 pub struct Attribute {
     pub name: String,
@@ -293,7 +293,7 @@ pub fn attributes(path: &Path, name: Option<&str>) -> Result<Vec<Attribute>> {
     };
     let attribute = |(name, value): (String, AttrValue)| Attribute {
         name,
-        numbers: list_of(&value),
+        numbers: numbers_of(&value),
         text: text(value),
     };
     let mut found: Vec<Attribute> = all.map_err(refused)?.into_iter().map(attribute).collect();
@@ -301,10 +301,19 @@ pub fn attributes(path: &Path, name: Option<&str>) -> Result<Vec<Attribute>> {
     Ok(found)
 }
 
-/// The numbers of an attribute that is a list of some.
-fn list_of(value: &AttrValue) -> Option<Vec<f64>> {
+/// The numbers of an attribute.
+fn numbers_of(value: &AttrValue) -> Option<Vec<f64>> {
     use AttrValue as Of;
     Some(match value {
+        Of::F64(v) => vec![*v],
+        Of::F32(v) => vec![f64::from(*v)],
+        Of::I8(v) => vec![f64::from(*v)],
+        Of::U8(v) => vec![f64::from(*v)],
+        Of::I16(v) => vec![f64::from(*v)],
+        Of::U16(v) => vec![f64::from(*v)],
+        Of::I32(v) => vec![f64::from(*v)],
+        Of::U32(v) => vec![f64::from(*v)],
+        Of::I64(v) => vec![*v as f64],
         Of::F64Array(all) => all.clone(),
         Of::F32Array(all) => all.iter().map(|v| f64::from(*v)).collect(),
         Of::I32Array(all) => all.iter().map(|v| f64::from(*v)).collect(),

@@ -105,7 +105,7 @@ pub fn open_file(spec: &str) -> Result<cube::Cube> {
     let open = match extension.as_str() {
         "npy" | "npz" => numpy::open,
         "hdr" => envi::open,
-        "mat" | "h5" | "hdf5" | "hdf" | "he5" => arrays::open,
+        "mat" | "h5" | "hdf5" | "hdf" | "he5" | "nc" | "nc4" => arrays::open,
         "exr" => exr::open,
         "tif" | "tiff" => images::open_stack,
         _ => return Err(unknown_scene(spec)),

@@ -89,6 +89,11 @@ impl Sidecar {
         Ok(Self { quantity: Some(quantity), scale: Some(factor as f32), ..self })
     }
 
+    /// Whether the user says what stored samples are multiplied by, whatever the file says.
+    pub fn scales_samples(&self) -> bool {
+        self.scale.is_some() && self.unit.is_none()
+    }
+
     /// Refuses keys that mean nothing for `what`.
     pub fn without(&self, keys: &[&str], what: &str) -> Result<()> {
         let given = [("axes", self.axes.is_some()), ("array", self.array.is_some())];
