@@ -153,10 +153,10 @@ saturates = true
         assert!((found.value - truth).abs() < tolerance, "{found:?} instead of {truth}");
     }
 
-    /// Sixty random cameras of an independent sensor, as two parameters of twenty are too few to
-    /// tell a share.
+    /// Sixty random cameras of an independent sensor: with twenty, the rate of deviations would be too
+    /// uncertain.
     #[test]
-    fn random_couplings_come_back() {
+    fn random_couplings_are_recovered() {
         let mut hits = Hits::default();
         for seed in 0..60 {
             let mut rng = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(3000 + seed);

@@ -16,7 +16,7 @@ pub struct Fit {
     covariance: Matrix,
     /// χ²: sum of squared residuals in units of the given errors.
     pub chi2: f64,
-    /// Degrees of freedom: number of data less number of coefficients.
+    /// Degrees of freedom: number of data minus number of coefficients.
     pub freedom: usize,
 }
 
@@ -73,8 +73,8 @@ impl Fit {
         self.covariance[(i, j)]
     }
 
-    /// Standard error of coefficient `j`, widened by √(χ²/ν) where the data scatter more than
-    /// their errors say.
+    /// Standard error of coefficient `j`, increased by √(χ²/ν) where the data scatter more than their
+    /// errors.
     pub fn std_error(&self, j: usize) -> f64 {
         (self.covariance[(j, j)] * self.reduced_chi2().max(1.0)).sqrt()
     }
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_determined_is_an_error() {
+    fn undetermined_coefficients_are_an_error() {
         let design = vec![vec![1.0, 2.0]; 4];
         assert!(Fit::new(&design, &[1.0; 4], &[1.0; 4]).is_err());
         assert!(Fit::new(&[vec![1.0, 0.0]], &[1.0], &[1.0]).is_err());

@@ -24,10 +24,10 @@ const CLEAR_OF_SATURATION: f64 = 4.0;
 /// Standard errors by which the variance of a level may lie below the fit to the others, or below
 /// that of the darker levels: by chance, a good level is rejected once in 4000 fits.
 const BELOW_FIT: f64 = 3.5;
-/// Share of samples at the white level from which a level counts as saturated throughout.
+/// Share of samples at the white level above which a level is completely saturated.
 const SATURATED_THROUGHOUT: f64 = 0.5;
-/// Temporal variance over the shot noise of the signal below which a level counts as saturated
-/// throughout without samples at the white level.
+/// Temporal variance over the shot noise of the signal below which a level is completely
+/// saturated without samples at the white level.
 const NO_SHOT_NOISE: f64 = 0.1;
 /// Fewest levels for judging the brightest one by the others: three determine gain and dark noise.
 const MIN_TO_JUDGE: usize = 4;
@@ -42,7 +42,7 @@ const LARGEST_REWEIGHTING: f64 = 2.0;
 /// Step of the numerical derivative over the curve's quadratic coefficient, over 1/signal.
 const DERIVATIVE_STEP: f64 = 1e-4;
 
-/// Judges whether flats, in rising order of light, are on the straight part of the photon transfer
+/// Decides whether flats, in rising order of light, are on the straight part of the photon transfer
 /// curve. The rule is stated in [`super::ptc`].
 #[derive(Clone, Debug, Default)]
 pub struct Knee {
@@ -54,8 +54,8 @@ pub struct Knee {
 }
 
 impl Knee {
-    /// Judges the next brighter level: mean signal and temporal variance above dark, the latter
-    /// with its sampling error. A level whose noise rounding hides is no evidence about others.
+    /// Tests the next brighter level: mean signal and temporal variance above dark, the latter with its
+    /// sampling error. A level whose noise is hidden by rounding is no evidence about others.
     pub fn passes(&mut self, m: &Moments, signal: f64, variance: Value, codes: &Codes) -> bool {
         let ratio = Value::new(variance.value / signal, variance.std_error / signal);
         self.saturated |= m.whites > SATURATED_SHARE;
@@ -63,8 +63,8 @@ impl Knee {
             self.plateau = Some(self.plateau.unwrap_or(0.0).max(m.mean()));
             return false;
         }
-        // Beyond a full well the variance never comes back: a dim level that lies low, with a
-        // brighter one that does not, is a bad stack and no knee.
+        // Above a full well the variance never recovers: a low dim level with a normal brighter one is
+        // a bad stack, not a knee.
         self.plateau = None;
         if variance.value > CLEAR_VARIANCE * variance.std_error && !codes.hides(m.temporal) {
             self.ratios.push(ratio);
@@ -72,8 +72,8 @@ impl Knee {
         true
     }
 
-    /// Whether a ratio lies below the straight part's by a share that a curved response does not
-    /// reach and by more than its error explains.
+    /// Whether a ratio is below that of the straight part by more than a curved response causes and by
+    /// more than its error.
     fn is_bent(&self, ratio: Value, m: &Moments, signal: f64) -> bool {
         if self.ratios.len() < 2 {
             return false;
@@ -114,11 +114,11 @@ pub struct Transfer {
     /// square of the codes' step.
     pub dark_variance: Value,
     /// Whether the noise of the darks is too small to be determined: `dark_variance` is that of the
-    /// flats, carried on to no signal.
+    /// flats, extrapolated to zero signal.
     pub dark_is_hidden: bool,
     /// Covariance of `gain` and `dark_variance`.
     covariance: f64,
-    /// Growth of the dark's variance, DN²/s, where the darks' exposure times span a line.
+    /// Increase of the dark's variance, DN²/s, where the darks' exposure times span a line.
     pub dark_variance_rate: Option<Value>,
     /// Mean of the dark over exposure time.
     pub dark: DarkLine,
@@ -470,7 +470,7 @@ mod tests {
         assert_eq!(judged(&knee), (vec![true, true, true, false, false], Some(474.0)));
         let bad = [(100.0, 1.0), (200.0, 1.0), (300.0, 0.5), (400.0, 1.0), (500.0, 1.0)];
         assert_eq!(judged(&bad), (vec![true, true, false, true, true], None));
-        // Dim levels between two codes, with a quarter of a code's square each, say nothing.
+        // Dim levels between two codes, with a quarter of a code's square each, are ignored.
         let between = [(0.1, 5.0), (0.2, 2.5), (300.0, 1.0), (400.0, 1.0)];
         assert_eq!(judged(&between), (vec![true; 4], None));
     }

@@ -9,7 +9,7 @@
 //!   DN, per cent), quantum efficiency (electrons per photon), MTF, positional crosstalk.
 //!
 //! ```
-//! use camrig_camera::Camera;
+//! use camrig_validate::camera::Camera;
 //! use camrig_validate::datasheet::Datasheet;
 //!
 //! // The EMVA 1288 figures of a preset, on a small piece of its sensor.
@@ -19,9 +19,12 @@
 //! let green = &sheet.emva.channels[1].figures;
 //! let dark_noise_e = green.temporal_dark_noise_e.expect("above the noise of rounding");
 //! assert!((dark_noise_e / 30.0 - 1.0).abs() < 0.1);
-//! # Ok::<(), camrig_base::Error>(())
+//! # Ok::<(), camrig_validate::base::Error>(())
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
+pub use camrig_base as base;
+pub use camrig_camera as camera;
 
 pub mod comparison;
 pub mod datasheet;

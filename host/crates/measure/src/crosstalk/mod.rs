@@ -26,12 +26,12 @@ use serde::Serialize;
 const CENTRE: f64 = 0.05;
 /// Smallest signal at the centre in standard errors. All factors are divided by it: below 5 their
 /// error would exceed 20 %.
-const CLEAR_SIGNAL: f64 = 5.0;
-/// χ² per sample from which a scan counts as inconsistent with the grid: with 30 samples,
-/// chance gives 2 once in a thousand scans.
+const MIN_SIGNAL: f64 = 5.0;
+/// χ² per sample above which a scan is inconsistent with the grid: with 30 samples, 2 is exceeded by
+/// chance once in a thousand scans.
 const INCONSISTENT_CHI2: f64 = 2.0;
-/// Smallest rms difference of a scan and the grid, per cent, that is worth a note: about the error
-/// of one region's signal.
+/// Smallest rms difference of a scan and the grid, per cent, that is noted: about the error of one
+/// region's signal.
 const INCONSISTENT_PERCENT: f64 = 0.5;
 
 /// One node of the table.
@@ -284,7 +284,7 @@ fn centre_of<'a>(grid: &[&'a Sample], others: &[&'a Sample]) -> Result<&'a Sampl
         near.min_by(|a, b| off(a).total_cmp(&off(b)))
     };
     match nearest(grid).or_else(|| nearest(others)) {
-        Some(s) if s.signal.value > CLEAR_SIGNAL * s.signal.std_error => Ok(s),
+        Some(s) if s.signal.value > MIN_SIGNAL * s.signal.std_error => Ok(s),
         Some(_) => Err(Error::input("no signal above black at the centre")
             .help("raise the light or the exposure for this filter")),
         None => Err(Error::input("no capture of the sensor's centre")

@@ -3,7 +3,7 @@
 //! The measured value at node i is `y = p(x, y) · β + u + e`: a polynomial of the position, the
 //! node's departure u, whose variance ω² is the same for all nodes, and the measurement's error e
 //! of known variance σ². The angular response of pixels is smooth, so neighbouring nodes carry
-//! information about a node; ω² says how much. It is chosen so that χ² per degree of freedom is 1
+//! information about a node, depending on ω². It is chosen so that χ² per degree of freedom is 1
 //! (Paule and Mandel, *Consensus values and weighting factors*, J. Res. NBS 87, 1982). A node is
 //! then estimated by the best linear unbiased prediction: the surface plus the share `ω²/(ω² +
 //! σ²)` of the node's own residual (Robinson, *That BLUP is a good thing*, Stat. Sci. 6, 1991).

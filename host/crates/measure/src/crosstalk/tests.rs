@@ -68,7 +68,7 @@ fn hidden_table_comes_back() {
     // The table loads as a camera's.
     camrig_camera::CrosstalkTable::parse(&to_csv(&result)).unwrap();
 
-    // Without some of its nodes the rest stands in, and it is said.
+    // Missing nodes are interpolated, with a note.
     let mut some = set.clone();
     some.captures.retain(|c| !c.id.contains("grid-03-1"));
     let partial = fit(&some).unwrap();

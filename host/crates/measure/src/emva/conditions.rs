@@ -1,15 +1,15 @@
-//! The operating point of a measurement, as the standard asks a data sheet to state it.
+//! The operating point of a measurement, which the standard requires in a data sheet.
 
 use super::spatial::SpatialPair;
 use crate::ladder::{Level, Selection};
 use camrig_captures::{CaptureSet, Light, SensorFacts};
 
-/// What was measured under which conditions, as far as the captures say.
+/// The conditions of a measurement, as far as the captures state them.
 #[derive(Clone, Debug)]
 pub struct Conditions {
     /// The region that was read out and its samples.
     pub sensor: SensorFacts,
-    /// Name of the camera file that the captures name.
+    /// Name of the captures' camera file.
     pub camera: Option<String>,
     /// Analog gain.
     pub analog_gain: f64,
@@ -21,11 +21,11 @@ pub struct Conditions {
     pub exposure_s: [f64; 2],
     /// Lowest and highest temperature of light levels and darks, °C.
     pub temperature_c: Option<[f64; 2]>,
-    /// Temperatures of darks from which the dark current's doubling comes, °C.
+    /// Temperatures of the darks used for the doubling of the dark current, °C.
     pub other_temperatures_c: Vec<f64>,
     /// Number of light levels.
     pub levels: usize,
-    /// Fewest and most frames of a light level.
+    /// Smallest and largest number of frames of a light level.
     pub level_frames: [usize; 2],
     /// Number of dark stacks at the flats' temperature, of different exposures or not.
     pub darks: usize,
@@ -70,7 +70,7 @@ impl Conditions {
     }
 }
 
-/// Least and largest; none of nothing.
+/// Smallest and largest value; `None` without values.
 fn ends(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     values.fold(None, |ends, v| match ends {
         None => Some([v, v]),

@@ -110,13 +110,13 @@ pub struct ChannelEmva {
     pub darks: Vec<DarkRow>,
     /// Spectra of the dark mean frame, DN².
     pub spectrogram_dark: Option<Spectrogram>,
-    /// Spectra of the flat mean frame less the dark one, DN².
+    /// Spectra of the flat mean frame minus the dark one, DN².
     pub spectrogram_prnu: Option<Spectrogram>,
     /// Deviations of pixels of the dark mean frame, DN.
     pub histogram_dsnu: Option<Histogram>,
-    /// Deviations of pixels of the flat mean frame less the dark one, high-pass filtered, DN.
+    /// Deviations of pixels of the flat mean frame minus the dark one, high-pass filtered, DN.
     pub histogram_prnu: Option<Histogram>,
-    /// Profiles of the dark mean frame, and of the flat one less it.
+    /// Profiles of the dark mean frame, and of the flat one minus it.
     #[serde(skip)]
     pub profiles: Option<[Profiles; 2]>,
 }

@@ -12,8 +12,8 @@
 //!
 //! Choice of captures: all flats of the gain and light with most levels are the light levels. The
 //! longest flat stack nearest to half saturation of the channel that saturates first, below
-//! saturation in all of them where there is one, and a dark stack of its exposure give the spatial
-//! figures; with more than five levels that flat is not a light level as well.
+//! saturation in all of them where there is one, and a dark stack of its exposure are used for the
+//! spatial figures; with more than five levels that flat is not also a light level.
 
 mod conditions;
 mod figures;
@@ -139,7 +139,7 @@ struct Longest(Option<(String, Stack)>);
 impl Longest {
     fn read(&mut self, set: &CaptureSet, captures: &[&Capture]) -> Result<Vec<Level>> {
         let level = |&capture: &&Capture| {
-            // Two files are two frames, a level without spatial figures; one file may hold many.
+            // Two files are two frames, a level without spatial figures; one file may contain many.
             if capture.files.len() == 2 {
                 let stack = Stack::read_moments(set, capture)?;
                 copies::refuse(set, capture, &stack)?;
@@ -248,7 +248,7 @@ impl<'a> Steps<'a> {
         let limit = self.quantisation_limit();
         let dark_dn2 = self.dark.at_zero.max(limit);
         let hidden = self.dark.at_zero < limit;
-        // SNR = 1 solved for the signal (release 4.0, eq. 27; earlier releases left out the ¼).
+        // SNR = 1 solved for the signal (release 4.0, eq. 27; earlier releases omitted the ¼).
         let threshold_e = (dark_dn2 / (k * k) + 0.25).sqrt() + 0.5;
         let saturation_p = photons.map(|p| p[self.saturation]);
         let saturation_e = match (efficiency, saturation_p) {
@@ -402,7 +402,7 @@ fn whole_transfer(
     Transfer::fit(c, darks, levels, &passed, &knee, white)
 }
 
-/// Dark variance over exposure time as the standard has it: an unweighted line through three or
+/// Dark variance against exposure time, by the standard: an unweighted line through three or
 /// more exposure times, else the variance of the shortest exposure.
 struct VarianceLine {
     /// Exposure time s, variance DN².

@@ -1,4 +1,4 @@
-//! EMVA figures of real and synthetic sets, beside the `emva1288` package's.
+//! EMVA figures of real and synthetic sets, compared with those of the `emva1288` package.
 
 use super::*;
 use crate::synthetic::{Sensor, Shot};
@@ -9,8 +9,8 @@ fn near(found: Option<f64>, expected: f64, tolerance: f64, name: &str) {
     assert!((found / expected - 1.0).abs() < tolerance, "{name}: {found}, expected {expected}");
 }
 
-/// The real set: what its full documentation says within 2 % (the subset's sampling), and the
-/// figures of the `emva1288` package 1.0.2 for the levels that have a dark of their own
+/// The real set: its documentation within 2 % (the subset's sampling), and the figures of the
+/// `emva1288` package 1.0.2 for the levels with a dark of their exposure time
 /// (tests/peers/emva1288_peer.py) within 0.5 %.
 #[test]
 fn reference_set_and_the_emva1288_package() {
@@ -34,7 +34,7 @@ fn reference_set_and_the_emva1288_package() {
     near(f.temporal_dark_noise_e, 10.740_068, 0.005, "dark noise in electrons");
     near(f.saturation_capacity_p, 27_530.0, 0.005, "saturation");
     near(f.dsnu_1288_e, 0.488_336, 0.005, "DSNU");
-    // The package says 0.443 for rows and 0.528 for columns, whose squares are twice the total's.
+    // The package has 0.443 for rows and 0.528 for columns, whose squares are twice the total's.
     let parts = [f.dsnu_1288_row_e, f.dsnu_1288_column_e, f.dsnu_1288_pixel_e];
     assert_eq!(parts, [None; 3], "parts above the total");
     let said = |w: &String| w.contains("the parts of DSNU1288 are not determined");
@@ -76,9 +76,9 @@ fn measured(sensor: &Sensor) -> Checked {
     measure(&CaptureSet::load(directory.path()).unwrap()).unwrap()
 }
 
-/// A hidden non-linearity of 2 % at full well: the standard's K is off, and it is said.
+/// A hidden non-linearity of 2 % at full well: the standard's K is biased, with a warning.
 #[test]
-fn a_hidden_nonlinearity_is_told() {
+fn a_hidden_nonlinearity_causes_a_warning() {
     let honest = Sensor { width: 256, height: 192, dark_e_per_s: 20.0, ..Sensor::default() };
     let straight = measured(&honest);
     let f = &straight.channels[0].figures;
@@ -151,7 +151,7 @@ fn what_cannot_be_measured_is_refused() {
     assert!(said.contains("DN in 6 bits"), "{said}");
 }
 
-/// Samples at the top of wider words: the same figures in electrons, the step told.
+/// Left-justified samples: the same figures in electrons, and a note on the step.
 #[test]
 fn left_aligned_samples_are_measured_in_their_own_steps() {
     let figures = |moved_up| {

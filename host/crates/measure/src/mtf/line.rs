@@ -68,7 +68,7 @@ impl EdgeLine {
         terms.map(|(k, c)| k as f64 * c * t.powi(k as i32 - 1)).sum()
     }
 
-    /// The edge's place in the middle row: across and along, pixels.
+    /// The edge's position in the middle row: across and along, pixels.
     pub fn centre(&self) -> (f64, f64) {
         (self.at(self.middle), self.middle)
     }

@@ -1,4 +1,4 @@
-//! Regions of slanted edges in a frame that nobody has pointed at.
+//! Finds regions of slanted edges in a frame.
 
 use super::{MIN_SIDE, Roi, find, measure};
 use camrig_base::{Cfa, Plane};
@@ -6,13 +6,13 @@ use rayon::prelude::*;
 
 /// Side of a region, pixels: room for the tails of a blurred edge, and enough rows for its noise.
 const SIDE: usize = 80;
-/// Steps of the search over a side: an edge that is cut off in one place is whole in the next.
+/// Number of search steps per side: an edge that is cut off in one region is complete in the next.
 const STEPS: usize = 4;
-/// Smallest contrast of an edge over the largest in the frame: texture has less than a target.
+/// Smallest contrast of an edge relative to the largest in the frame: texture has less than a target.
 const MIN_CONTRAST: f64 = 0.3;
 
-/// Regions with one slanted edge each that [`measure`] takes, from the top of the frame down; none
-/// overlaps another. `channel` is the one that is looked at.
+/// Non-overlapping regions with one slanted edge each that [`measure`] accepts in this channel, from the
+/// top of the frame down.
 pub fn find_edges(
     frame: &Plane<u16>,
     cfa: &Cfa,
@@ -43,7 +43,7 @@ pub fn find_edges(
     let mut found: Vec<(Roi, f64, f64)> = places.par_iter().filter_map(look).collect();
     let most = found.iter().map(|f| f.1).fold(0.0, f64::max);
     found.retain(|(_, contrast, _)| *contrast >= MIN_CONTRAST * most);
-    // Of those that overlap, the one that tells most: ends of the edge and corners spoil others.
+    // Of those that overlap, the one with the smallest error: others contain ends or corners.
     found.sort_by(|a, b| a.2.total_cmp(&b.2));
     let mut apart: Vec<Roi> = Vec::new();
     for (roi, ..) in found {

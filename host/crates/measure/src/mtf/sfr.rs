@@ -9,8 +9,8 @@ use camrig_fourier::sinc;
 
 /// Fewest bins on either side of the edge.
 const MIN_BINS: usize = 4;
-/// Length of the zero-padded line spread function over its own: makes the transform's samples
-/// dense enough for linear interpolation.
+/// Ratio of the zero-padded to the original length of the line spread function, so that the
+/// transform's samples are dense enough for linear interpolation.
 const PADDING: usize = 8;
 /// Highest frequency of the curve, cycles per bin. At the bins' own Nyquist frequency, 0.5, the
 /// central difference passes nothing, and its correction grows without limit.
@@ -87,7 +87,7 @@ pub struct Sfr {
 }
 
 impl Sfr {
-    /// The response that a spread function shows.
+    /// The response of a spread function.
     pub fn of(spread: &Spread) -> Result<Self> {
         let Spread { dn: spread, bin } = spread;
         let (bin, count) = (*bin, spread.len());
@@ -156,8 +156,8 @@ fn line_from_one(curve: &mut [[f64; 2]], resolved: f64) {
     }
 }
 
-/// Means over the bins of the polygon through sorted samples (distance, value). Where the slant
-/// gives few phases, samples cluster, and their mean would not be that of the bin's centre.
+/// Means over the bins of the polygon through sorted samples (distance, value). With few
+/// phases of the slant, samples cluster, and their mean would not be that of the bin's centre.
 fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<Vec<f64>> {
     let gap = samples.windows(2).map(|w| {
         let inside = w[0].0.abs() < side as f64 * bin;

@@ -146,10 +146,10 @@ fn error_covers_the_noise() {
     assert!(inside >= 34, "{inside} of {runs}");
 }
 
-/// Response and levels are those of theory, and scatter as they say: of 60 draws the sample's
-/// standard deviation itself scatters by 9 %, four of these are allowed.
+/// Response and levels agree with theory, and scatter by their standard errors: the sample standard
+/// deviation of 60 frames itself scatters by 9 %, four times that is allowed.
 #[test]
-fn response_scatters_as_it_says() {
+fn response_scatters_by_its_standard_error() {
     let clean = edge(100, 120, 4.0, 2.2, 4.0);
     let frequencies = [0.1, 0.25, 0.5];
     let cos = 4f64.to_radians().cos();
@@ -380,8 +380,8 @@ fn noisy_edge(side: usize, away: f64) -> Plane<u16> {
     Plane { width: side, height: side, data: values.iter().map(one).collect() }
 }
 
-/// A quarter of the region beyond the edge, cut off at a level that nothing tells: the side is
-/// found to be clipped by its own samples.
+/// A quarter of the region is beyond the edge and clipped at an unknown level, which its own samples
+/// show.
 #[test]
 fn a_clipped_minority_side_is_refused() {
     let whole_range = noisy_edge(100, 30.0);
@@ -415,7 +415,7 @@ fn frames_have_white_levels_of_their_own() {
 }
 
 /// The red samples of X-Trans are 4.5 pixels apart on average: their curve ends at 0.45 cycles per
-/// quarter of that, and nothing is said of what lies beyond.
+/// quarter of that, and the response beyond is not determined.
 #[test]
 fn no_response_beyond_the_samples_of_x_trans() {
     let x_trans = Cfa::parse("GGRGGB/GGBGGR/BRGRBG/GGBGGR/GGRGGB/RBGBRG").unwrap();

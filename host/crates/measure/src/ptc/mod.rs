@@ -12,7 +12,7 @@
 //! temporal, so fixed patterns drop out. K, V₀ and V₁ come from one weighted fit to darks and
 //! flats together; the weights are the variances' own sampling errors.
 //!
-//! Levels left out of the fit, by rule: (1) more than 0.1 % of the samples at the white level;
+//! Levels excluded from the fit: (1) more than 0.1 % of the samples at the white level;
 //! (2) variance per signal below 0.7 of the median of the darker levels, by more than 3.5 standard
 //! errors, at this and all brighter levels (the full-well knee); in both cases everything brighter
 //! too; (3) a mean within four standard deviations of the saturated
@@ -114,9 +114,9 @@ pub struct Ptc {
     pub channels: Vec<ChannelPtc>,
     /// Analog gain of the captures.
     pub analog_gain: f64,
-    /// Exposure of the dark stack that gives `dsnu_e`, s.
+    /// Exposure of the dark stack for `dsnu_e`, s.
     pub dsnu_exposure_s: f64,
-    /// Remarks for the reader: levels left out, assumptions that do not hold.
+    /// Remarks: excluded levels, violated assumptions.
     pub notes: Vec<String>,
 }
 
@@ -145,7 +145,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     let remarks = remarks::of_ladder(set, selection, &darks, &flats.levels, MIN_EXPOSURES);
     notes.extend(remarks);
     notes.extend(ladder::codes(&darks, &flats.levels).note());
-    // The longest stack has the least noise in its fixed patterns; among equals the longest
+    // The longest stack has the least noise in its fixed patterns; of several, that with the longest
     // exposure.
     let longest = (0..darks.len()).max_by(|&a, &b| {
         let key = |i: usize| (darks[i].channels[0].frames, darks[i].exposure_s);
@@ -190,7 +190,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     })
 }
 
-/// Reads dark stacks as levels and as lines over exposure time for every pixel.
+/// Reads dark stacks as levels and as lines against exposure time for every pixel.
 fn read_darks(set: &CaptureSet, captures: &[&Capture]) -> Result<(Vec<Level>, LineMaps)> {
     let mut maps = LineMaps::new(set.sensor.width, set.sensor.height, &Site::all(&set.cfa()));
     let mut levels = Vec::new();
@@ -243,9 +243,9 @@ impl Flats {
             let codes = ladder::codes(darks, std::slice::from_ref(&level));
             for (c, m) in level.channels.iter().enumerate() {
                 if m.frames < 2 {
-                    return Err(Error::input("one frame has no temporal noise to measure")
+                    return Err(Error::input("temporal noise needs more than one frame")
                         .at(format!("flat capture {:?}", level.id))
-                        .help("give at least two frames per capture"));
+                        .help("provide at least two frames per capture"));
                 }
                 let dark = dark_lines[c].mean_at(level.exposure_s).value;
                 let variance = m.above(&darks[0].channels[c]);
@@ -305,7 +305,7 @@ fn figures_of(t: &Transfer, flats: &[Level], channel: usize, white: f64) -> Figu
     }
 }
 
-/// Fills in the spatial figures from the lines of the pixels, in electrons.
+/// Adds the spatial figures from the lines of the pixels, in electrons.
 fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, channel: usize) {
     let root = |v: Value| Value::sqrt(v.value, v.std_error);
     let offsets = darks.spread(Line::Offset, channel);
@@ -342,7 +342,7 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
 /// Largest relative change of patterns by rounding to whole DN with which they are reported.
 const ROUNDED: f64 = 0.05;
 
-/// Leaves out fixed patterns of the dark that rounding to whole DN changes: offsets by the noise
+/// Excludes fixed patterns of the dark that rounding to whole DN changes: offsets by the noise
 /// at zero exposure, the pattern of the dark current by the noise of the longest stack
 /// (`variance`, DN²).
 fn leave_out_rounded_patterns(

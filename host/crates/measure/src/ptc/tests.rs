@@ -158,7 +158,7 @@ fn random_cameras_come_back_over_gains() {
     hits.check();
 }
 
-/// Samples at the top of wider words: the same figures in electrons, the step told.
+/// Left-justified samples: the same figures in electrons, and a note on the step.
 #[test]
 fn left_aligned_samples_are_measured_in_their_own_steps() {
     let sensor = Sensor { gain: 0.1, read_e: 5.0, row_fpn_e: 0.0, bits: 10, ..Sensor::default() };
