@@ -5,9 +5,9 @@ use super::corrections::Corrections;
 use super::curves::FrameCurve;
 use super::finding::{Done, Finding, Kind};
 use super::inspect::inspect;
+use super::options::Options;
 use camrig_base::{Error, Plane, Result};
 use camrig_captures::{CaptureSet, Role};
-use std::fmt;
 
 /// A capture set with its findings; its frames are corrected as they are read.
 pub struct Cleaned {
@@ -17,35 +17,6 @@ pub struct Cleaned {
     set: CaptureSet,
     pub(crate) findings: Vec<Finding>,
     corrections: Corrections,
-}
-
-/// Options of [`Cleaned::new`] and [`Cleaned::inspect`].
-#[derive(Clone, Copy, Default)]
-#[non_exhaustive]
-pub struct Options<'a> {
-    /// Called with the number of frames just read. Each frame is read several times.
-    pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
-}
-
-impl<'a> Options<'a> {
-    /// The same with a callback for progress.
-    #[must_use]
-    pub fn with_progress(self, progress: &'a (dyn Fn(usize) + Sync)) -> Self {
-        Self { progress: Some(progress) }
-    }
-
-    /// Reports that so many frames were read.
-    pub(crate) fn report(&self, frames: usize) {
-        if let Some(progress) = self.progress {
-            progress(frames);
-        }
-    }
-}
-
-impl fmt::Debug for Options<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Options").field("progress", &self.progress.is_some()).finish()
-    }
 }
 
 impl Cleaned {

@@ -6,11 +6,11 @@
 use super::band::{Band, bands};
 use super::blocks::blocks;
 use super::changes::{self, Change, Changed};
-use super::cleaned::Options;
 use super::corrections::{Corrections, Replaced, Substitution};
 use super::curves::{self, RowSums};
 use super::events::{Event, Found, MIN_FRAMES, Search};
 use super::finding::{Done, Finding};
+use super::options::Options;
 use super::particles::{self, particles};
 use super::processed::{self, Lags};
 use super::residuals::{FrameLevels, Residuals};

@@ -10,7 +10,7 @@
 //!
 //! | in reading order | |
 //! |---|---|
-//! | `cleaned`, `finding`, `corrections` | the set, its findings, the corrections |
+//! | `cleaned`, `finding`, `corrections`, `options` | the set, its findings, the corrections; options |
 //! | `inspect` | the order of the tests |
 //! | `scan`, `band`, `residuals`, `transfer` | data for the tests: levels and codes of frames, time series of pixels, gain |
 //! | `codes`, `copies`, `temperature` | steps of the codes, identical frames, missing temperatures |
@@ -62,6 +62,7 @@ mod finding;
 mod inspect;
 mod labels;
 mod levels;
+mod options;
 mod particles;
 mod processed;
 mod residuals;
@@ -73,7 +74,8 @@ mod transfer;
 
 pub use camrig_base as base;
 pub use camrig_captures as captures;
-pub use cleaned::{Cleaned, Options};
+pub use cleaned::Cleaned;
 pub use codes::Step;
 pub use curves::{CurveShape, FrameCurve};
 pub use finding::{Done, Finding, Kind, MAX_PIXELS, Rate};
+pub use options::Options;
