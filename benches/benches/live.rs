@@ -44,9 +44,7 @@ fn main() {
 }
 
 fn camera([width, height]: [u32; 2]) -> Camera {
-    let size = [("sensor.width", width), ("sensor.height", height)];
-    let changes = size.map(|(key, value)| (key.to_string(), i64::from(value).into()));
-    Camera::load_with("mt9v024", &changes).expect("a camera")
+    Camera::load("mt9v024").and_then(|c| c.with_size(width, height)).expect("a camera")
 }
 
 /// The same sensor behind a lens whose PSFs grow and stretch towards the corners, with distortion

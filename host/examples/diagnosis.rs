@@ -8,9 +8,7 @@ use camrig::prelude::*;
 use camrig_sensor_core::effects::row_temporal_noise::RowTemporalNoise;
 
 fn main() -> Result<()> {
-    let size = [("sensor.width", 96), ("sensor.height", 64)];
-    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
-    let model = Camera::load_with("mt9v024", &changes)?;
+    let model = Camera::load("mt9v024")?.with_size(96, 64)?;
 
     // The sensor as built: the model, and row noise of 6 e⁻ that is new in every frame.
     let mut built = model.clone();

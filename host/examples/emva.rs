@@ -33,9 +33,7 @@ fn main() -> Result<()> {
 
 /// The built-in plan `emva` taken with a preset of few pixels.
 fn simulated(folder: PathBuf) -> Result<PathBuf> {
-    let size = [("sensor.width", 96), ("sensor.height", 64)];
-    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
-    let camera = Camera::load_with("mt9v024", &changes)?;
+    let camera = Camera::load("mt9v024")?.with_size(96, 64)?;
     let plan = plan::load("emva")?;
     take::take(&camera, &plan, &folder, &take::TakeOptions::default(), || ())?;
     Ok(folder)

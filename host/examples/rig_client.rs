@@ -8,9 +8,7 @@ use camrig::prelude::*;
 
 fn main() -> Result<()> {
     let address = std::env::args().nth(1).unwrap_or_else(|| "emulator:".into());
-    let size = [("sensor.width", 320), ("sensor.height", 240)];
-    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
-    let camera = Camera::load_with("mt9v024", &changes)?;
+    let camera = Camera::load("mt9v024")?.with_size(320, 240)?;
 
     // Even irradiance of 10 µW m⁻² nm⁻¹ in three bands; `examples/simulate.rs` makes that of a
     // scene.

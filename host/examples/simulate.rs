@@ -12,9 +12,7 @@ fn main() -> Result<()> {
     let path = std::env::args().nth(1).unwrap_or_else(|| "chart.dng".into());
 
     // One physical camera: a built-in preset with a smaller sensor, or the path of a camera file.
-    let size = [("sensor.width", 320), ("sensor.height", 240)];
-    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
-    let camera = Camera::load_with("mt9v024", &changes)?;
+    let camera = Camera::load("mt9v024")?.with_size(320, 240)?;
 
     // The scene, and the spectral radiance (W m⁻² sr⁻¹ nm⁻¹) of a perfect white in it.
     let scene = camrig::scene_files::open("colorchecker")?;

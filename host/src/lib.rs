@@ -29,9 +29,7 @@
 //! use camrig::{light, render, scene_files};
 //!
 //! # fn main() -> Result<()> {
-//! let size = [("sensor.width", 64), ("sensor.height", 48)];
-//! let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
-//! let camera = Camera::load_with("mt9v024", &changes)?;
+//! let camera = Camera::load("mt9v024")?.with_size(64, 48)?;
 //!
 //! let card = scene_files::open("uniform:0.18")?;
 //! let daylight = Illuminant::parse("D65")?;

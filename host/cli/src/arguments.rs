@@ -3,7 +3,7 @@
 use super::readout::ReadoutArgs;
 use camrig_base::output::OutputFile;
 use camrig_base::{Bands, Error, Result};
-use camrig_camera::{Camera, KeptNoise, changes, is_preset};
+use camrig_camera::{Camera, Change, KeptNoise, is_preset};
 use camrig_optics::DeviceChoice;
 use camrig_render::auto_exposure::{self, Brightness};
 use camrig_render::hdr::Hdr;
@@ -21,8 +21,8 @@ use std::str::FromStr;
 #[derive(clap::Args, Clone, Debug)]
 pub struct ChangeArgs {
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
-    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
-    set: Vec<(String, toml::Value)>,
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<Change>,
 }
 
 impl ChangeArgs {

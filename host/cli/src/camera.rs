@@ -3,7 +3,7 @@
 use camrig_base::output::OutputFile;
 use camrig_base::{Error, Result};
 use camrig_camera::draft::{Draft, Grade, Request};
-use camrig_camera::{changes, is_preset};
+use camrig_camera::{Change, is_preset};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -69,8 +69,8 @@ struct NewArgs {
     #[arg(long, value_name = "MM")]
     focal_length_mm: Option<String>,
     /// Any other key of the file: sensor.noise.prnu=0.008; repeatable
-    #[arg(long, value_name = "KEY=VALUE", value_parser = changes::read)]
-    set: Vec<(String, toml::Value)>,
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<Change>,
     /// Name of the camera in raw files and reports [default: that of the file]
     #[arg(long)]
     name: Option<String>,
@@ -107,7 +107,7 @@ impl NewArgs {
             },
             None => (None, None),
         };
-        let mut given: Vec<(String, toml::Value)> = Vec::new();
+        let mut given: Vec<Change> = Vec::new();
         for (key, text) in [
             ("sensor.width", width),
             ("sensor.height", height),
@@ -120,7 +120,7 @@ impl NewArgs {
             ("lens.f_number", self.f_number.as_deref()),
             ("lens.focal_length_mm", self.focal_length_mm.as_deref()),
         ] {
-            given.extend(text.and_then(|text| changes::read(&format!("{key}={text}")).ok()));
+            given.extend(text.and_then(|text| format!("{key}={text}").parse::<Change>().ok()));
         }
         let mut efficiency = Vec::new();
         match self.qe.as_deref() {
@@ -128,9 +128,9 @@ impl NewArgs {
                 efficiency = points.split(',').map(str::to_string).collect();
             }
             Some(peak) if peak.parse::<f64>().is_ok() => {
-                given.extend(changes::read(&format!("sensor.qe_peak={peak}")));
+                given.extend(format!("sensor.qe_peak={peak}").parse::<Change>());
             }
-            Some(table) => given.push(("sensor.qe".into(), table.into())),
+            Some(table) => given.push(Change::new("sensor.qe", table)),
             None => (),
         }
         given.extend(self.set.iter().cloned());
@@ -160,7 +160,8 @@ fn tell(draft: &Draft, output: &Path, files: &[(PathBuf, String)]) {
         false => eprintln!("wrote {}", names.join(", ")),
     }
     let typical = draft.entries.iter().filter(|entry| entry.basis.grade == Grade::Typical);
-    let typical: Vec<String> = typical.map(|e| format!("{} = {}", e.key.name, e.value)).collect();
+    let typical: Vec<String> =
+        typical.map(|e| format!("{} = {}", e.key.name(), e.value)).collect();
     eprintln!(
         "{} of {} values are typical: {}",
         typical.len(),

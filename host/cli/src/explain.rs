@@ -4,7 +4,7 @@ use super::effects;
 use super::presets::bare;
 use camrig_base::{Error, Result};
 use camrig_camera::draft::{Draft, Entry};
-use camrig_camera::keys::{Holds, KEYS, Key};
+use camrig_camera::keys::Key;
 use camrig_camera::{Camera, EffectKind, presets};
 use serde_json::{Value, json};
 use std::process::ExitCode;
@@ -32,7 +32,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let (keys, kinds) = match &args.key {
-        None => (KEYS.iter().collect(), EffectKind::all().collect()),
+        None => (Key::all().iter().collect(), EffectKind::all().collect()),
         Some(name) => find(name)?,
     };
     if args.json {
@@ -62,7 +62,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 
 /// Keys and effects of a name: the whole path, or its last part.
 fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<EffectKind>)> {
-    let keys: Vec<&Key> = KEYS.iter().filter(|k| k.path() == name || k.name == name).collect();
+    let keys: Vec<&Key> =
+        Key::all().iter().filter(|k| k.path() == name || k.name() == name).collect();
     let mut words = name.strip_prefix("effect.").unwrap_or(name).split('.');
     let kind = words.next().unwrap_or_default();
     let parameter = words.next();
@@ -73,9 +74,8 @@ fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<EffectKind>)> {
     if !keys.is_empty() || !effects.is_empty() {
         return Ok((keys, effects));
     }
-    let paths: Vec<String> = KEYS.iter().map(Key::path).collect();
-    let mut known: Vec<&str> = paths.iter().map(String::as_str).collect();
-    known.extend(KEYS.iter().map(|k| k.name));
+    let mut known: Vec<&str> = Key::all().iter().map(Key::path).collect();
+    known.extend(Key::all().iter().map(Key::name));
     known.extend(EffectKind::all().map(|e| e.kind));
     known.extend(presets::names());
     let nearest = camrig_base::toml_text::nearest(name, known.iter().copied());
@@ -85,12 +85,12 @@ fn find(name: &str) -> Result<(Vec<&'static Key>, Vec<EffectKind>)> {
 
 fn explain_key(key: &Key) {
     println!("{}", key.path());
-    println!("  {}", key.doc);
+    println!("  {}", key.doc());
     println!("  {}", key.range());
-    if !key.usual.is_empty() {
-        println!("  usual: {}", key.usual);
+    if !key.usual().is_empty() {
+        println!("  usual: {}", key.usual());
     }
-    match key.default {
+    match key.default() {
         None => println!("  required"),
         Some(default) => println!("  default: {default}"),
     }
@@ -101,7 +101,7 @@ fn in_presets(key: &Key) -> Result<()> {
     let mut lines = Vec::new();
     for name in presets::names() {
         let draft = Draft::of_preset(name)?;
-        if let Some(entry) = draft.entry(&key.path()) {
+        if let Some(entry) = draft.entry(key.path()) {
             lines.push(format!("    {name:13} {:12} {}", bare(entry), based_on(entry)));
         }
     }
@@ -123,7 +123,7 @@ fn based_on(entry: &Entry) -> String {
 /// Every value of a built-in camera with its source.
 fn explain_preset(name: &str, json: bool) -> Result<()> {
     let draft = Draft::of_preset(name)?;
-    let entries = || draft.entries.iter().filter(|entry| !entry.key.table.is_empty());
+    let entries = || draft.entries.iter().filter(|entry| !entry.key.table().is_empty());
     let sensor = Camera::load(name)?.sensor;
     let top = f64::from((1u32 << sensor.bits) - 1);
     let dn_per_e = top / sensor.full_well_e;
@@ -142,7 +142,7 @@ fn explain_preset(name: &str, json: bool) -> Result<()> {
     }
     println!("{name}\n  {}", draft.about);
     for entry in entries() {
-        let unit = if entry.value.is_str() { "" } else { entry.key.unit };
+        let unit = if entry.value.as_str().is_some() { "" } else { entry.key.unit() };
         let value = format!("{} {unit}", bare(entry));
         println!("  {:34} {value:22} {}", entry.key.path(), based_on(entry));
     }
@@ -156,7 +156,7 @@ fn explain_preset(name: &str, json: bool) -> Result<()> {
 fn value_json(entry: &Entry) -> Value {
     let basis = &entry.basis;
     json!({
-        "key": entry.key.path(), "value": entry.value, "unit": entry.key.unit,
+        "key": entry.key.path(), "value": entry.value, "unit": entry.key.unit(),
         "grade": basis.grade.name(), "second_hand": basis.second_hand, "source": basis.source,
         "note": basis.note,
     })
@@ -168,13 +168,9 @@ fn first_sentence(doc: &str) -> String {
 }
 
 fn key_json(key: &Key) -> Value {
-    let (low, high) = match key.holds {
-        Holds::Number(low, high) | Holds::NumberOrFile(low, high) => (Some(low), Some(high)),
-        Holds::Whole(low, high) => (Some(low as f64), Some(high as f64)),
-        _ => (None, None),
-    };
+    let (low, high) = key.limits();
     json!({
-        "key": key.path(), "holds": key.range(), "unit": key.unit, "min": low, "max": high,
-        "usual": key.usual, "default": key.default, "doc": key.doc,
+        "key": key.path(), "holds": key.range(), "unit": key.unit(), "min": low, "max": high,
+        "usual": key.usual(), "default": key.default(), "doc": key.doc(),
     })
 }

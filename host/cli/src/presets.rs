@@ -93,7 +93,7 @@ fn page() -> Result<String> {
 
 /// A value without quotation marks, and whole numbers without a point.
 pub fn bare(entry: &Entry) -> String {
-    match (entry.value.as_str(), entry.value.as_float()) {
+    match (entry.value.as_str(), entry.value.as_f64()) {
         (Some(text), _) => text.to_string(),
         (None, Some(number)) => number.to_string(),
         _ => entry.value.to_string(),

@@ -1,6 +1,6 @@
 //! JSON schemas as pages for people: a table of keys for each table of a file.
 
-use camrig_base::ErrorCode;
+use camrig_base::{ErrorCode, schema_words};
 use serde_json::Value;
 
 const HEAD: &str = "\
@@ -101,48 +101,11 @@ impl<'a> Reference<'a> {
                 (format!("[[{path}]]"), items)
             }
             () if values["properties"].is_object() => (format!("[{path}.NAME]"), values),
-            () => return self.words(property),
+            () => return schema_words::in_words(self.root, property, "`"),
         };
         let words = format!("table `{heading}`");
         inner.push((heading, found));
         words
-    }
-
-    /// What a value may be, in words.
-    fn words(&self, property: &Value) -> String {
-        let schema = self.resolved(property);
-        let alternatives = ["anyOf", "oneOf"].iter().find_map(|key| schema[key].as_array());
-        if let Some(all) = alternatives {
-            let between = if all[0]["const"].is_null() { ", or " } else { ", " };
-            let all = all.iter().filter(|one| one["type"] != "null");
-            return all.map(|one| self.words(one)).collect::<Vec<_>>().join(between);
-        }
-        if let Some(words) = schema["enum"].as_array() {
-            return words
-                .iter()
-                .map(|w| format!("`\"{}\"`", bare(w)))
-                .collect::<Vec<_>>()
-                .join(", ");
-        }
-        if !schema["const"].is_null() {
-            return format!("`\"{}\"`", bare(&schema["const"]));
-        }
-        if let Some(properties) = schema["properties"].as_object() {
-            let keys: Vec<&str> = properties.keys().map(String::as_str).collect();
-            return format!("`{{ {} }}`", keys.join(", "));
-        }
-        match kind(schema) {
-            "number" => format!("number{}", range(schema)),
-            "integer" => format!("whole number{}", range(schema)),
-            "boolean" => "true or false".into(),
-            "string" => "text".into(),
-            "array" => format!("list of: {}", self.words(&schema["items"])),
-            "object" if schema["additionalProperties"].is_object() => {
-                format!("table of: name = {}", self.words(&schema["additionalProperties"]))
-            }
-            "object" => "table".into(),
-            _ => "any".into(),
-        }
     }
 
     /// A schema without references and without "or nothing".
@@ -150,30 +113,7 @@ impl<'a> Reference<'a> {
     where
         'a: 'v,
     {
-        if let Some(place) = schema["$ref"].as_str() {
-            return self.root.pointer(place.trim_start_matches('#')).unwrap_or(schema);
-        }
-        match schema["anyOf"].as_array().map(Vec::as_slice) {
-            Some([one, nothing]) if nothing["type"] == "null" => self.resolved(one),
-            _ => schema,
-        }
-    }
-}
-
-/// The type of a schema; of a number or nothing, the number.
-fn kind(schema: &Value) -> &str {
-    match &schema["type"] {
-        Value::Array(types) => types[0].as_str(),
-        one => one.as_str(),
-    }
-    .unwrap_or_default()
-}
-
-fn range(schema: &Value) -> String {
-    match (&schema["minimum"], &schema["maximum"]) {
-        (Value::Null, _) => String::new(),
-        (low, Value::Null) => format!(" from {}", bare(low)),
-        (low, high) => format!(", {} to {}", bare(low), bare(high)),
+        schema_words::resolved(self.root, schema)
     }
 }
 

@@ -52,6 +52,8 @@ pub mod options;
 pub mod output;
 mod plane;
 pub mod platform;
+mod schema_check;
+pub mod schema_words;
 mod spectrum;
 pub mod stop;
 pub mod table;

@@ -1,9 +1,19 @@
 //! Errors in TOML files: which line, which key, what would be right.
 
-use crate::Error;
+use crate::{Error, Result};
+use serde::de::DeserializeOwned;
+use toml::de::DeTable;
+
+/// Reads a TOML file, with the line in the error.
+///
+/// # Errors
+/// The first mistake of the file; [`crate::mistakes::read`] finds all of them.
+pub fn read<T: DeserializeOwned>(text: &str) -> Result<T> {
+    toml::from_str(text).map_err(|e| error(text, &e))
+}
 
 /// An error of the TOML parser, with its line, and the nearest known key for an unknown one.
-pub fn error(text: &str, error: &toml::de::Error) -> Error {
+pub(crate) fn error(text: &str, error: &toml::de::Error) -> Error {
     let message = error.message().trim();
     let mut out = match message.strip_prefix("unknown field `") {
         // serde's message: unknown field `a`, expected one of `b`, `c`
@@ -58,22 +68,18 @@ pub fn line_of(text: &str, offset: usize) -> usize {
     text.bytes().take(offset).filter(|&b| b == b'\n').count() + 1
 }
 
-/// The line of `key` in a table of the file (`""` for the top, `sensor.noise`, ...), if it is
-/// there.
-pub fn line_of_key(text: &str, table: &str, key: &str) -> Option<usize> {
-    let mut current = String::new();
-    for (number, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if let Some(header) = line.strip_prefix('[') {
-            current = header.split(']').next().unwrap_or("").trim_start_matches('[').to_string();
-        } else if current.trim() == table
-            && let Some((name, _)) = line.split_once('=')
-            && name.trim().trim_matches('"') == key
-        {
-            return Some(number + 1);
-        }
-    }
-    None
+/// Where a key is, for messages: `line 12, key "qe" of [sensor]`; without the line where the
+/// file has no such key. `table` is the path of a table, such as `sensor.noise`.
+#[must_use]
+pub fn place_of_key(text: &str, table: &str, key: &str) -> String {
+    let place = format!("key {key:?} of [{table}]");
+    let line = DeTable::parse(text).ok().and_then(|file| {
+        let mut inner = table.split('.');
+        let table = inner.try_fold(file.get_ref(), |t, name| t.get(name)?.get_ref().as_table())?;
+        let (key, _) = table.get_key_value(key)?;
+        Some(line_of(text, key.span().start))
+    });
+    line.map_or(place.clone(), |line| format!("line {line}, {place}"))
 }
 
 #[cfg(test)]
@@ -82,10 +88,10 @@ mod tests {
 
     #[test]
     fn keys_are_found_in_their_table() {
-        let text = "name = 1\n[sensor]\nwidth = 3\n[sensor.noise]\nread_e = 2\n";
-        assert_eq!(line_of_key(text, "sensor.noise", "read_e"), Some(5));
-        assert_eq!(line_of_key(text, "sensor", "width"), Some(3));
-        assert_eq!(line_of_key(text, "", "name"), Some(1));
-        assert_eq!(line_of_key(text, "sensor", "read_e"), None);
+        let text = "name = 1\n[sensor]\nwidth = 3\nnoise = { prnu = 0 }\n[lens]\nf = 2\n";
+        assert_eq!(place_of_key(text, "sensor", "width"), "line 3, key \"width\" of [sensor]");
+        let inline = place_of_key(text, "sensor.noise", "prnu");
+        assert_eq!(inline, "line 4, key \"prnu\" of [sensor.noise]");
+        assert_eq!(place_of_key(text, "sensor", "f"), "key \"f\" of [sensor]");
     }
 }

@@ -246,7 +246,7 @@ fn parameters(
 ) -> Value {
     let variant = &sweep.variants[picture.variant];
     let changes: Map<String, Value> =
-        variant.changes.iter().map(|(key, value)| (key.clone(), json!(value))).collect();
+        variant.changes.iter().map(|c| (c.key.clone(), json!(c.value))).collect();
     json!({
         "camera": variant.name,
         "camera_keys": changes,

@@ -34,7 +34,7 @@
 use super::figures::{self, Wanted};
 use camrig_base::alternatives::{Alternatives, Numbers};
 use camrig_base::{Error, Result, mistakes, toml_text};
-use camrig_camera::{Camera, is_preset};
+use camrig_camera::{Camera, Change, Value, is_preset};
 use camrig_light::Illuminant;
 use camrig_render::Arithmetic;
 use camrig_scene::{self as scene, chart};
@@ -118,9 +118,9 @@ struct GridFile {
 #[serde(untagged)]
 enum CameraKey {
     // Before the range, whose fields would be taken from a list in order.
-    List(Vec<toml::Value>),
+    List(Vec<Value>),
     Range(camrig_base::alternatives::Range),
-    One(toml::Value),
+    One(Value),
 }
 
 /// The JSON schema of a sweep file.
@@ -224,7 +224,7 @@ pub struct Variant {
     /// What [`Camera::load_with`] takes.
     pub spec: String,
     /// Keys changed.
-    pub changes: Vec<(String, toml::Value)>,
+    pub changes: Vec<Change>,
 }
 
 /// One picture of a sweep.
@@ -441,7 +441,7 @@ fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
         variants.push(Variant { spec, changes: Vec::new(), name });
     }
     for (key, values) in &grid.camera_keys {
-        let values: Vec<toml::Value> = match values {
+        let values: Vec<Value> = match values {
             CameraKey::One(value) => Ok(vec![value.clone()]),
             CameraKey::List(values) if values.is_empty() => {
                 Err(Error::input("an empty list").help("give one value or more"))
@@ -449,7 +449,7 @@ fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
             CameraKey::List(values) => Ok(values.clone()),
             CameraKey::Range(range) => {
                 let numbers = Numbers::Range(range.clone()).values();
-                numbers.map(|numbers| numbers.into_iter().map(toml::Value::Float).collect())
+                numbers.map(|numbers| numbers.into_iter().map(Value::from).collect())
             }
         }
         .map_err(|e| e.at(format!("camera key {key:?}")))?;
@@ -458,9 +458,9 @@ fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
                 Error::limit(format!("more than {MAX_CAMERAS} cameras")).help("split the sweep")
             );
         }
-        let with = |variant: &Variant, value: &toml::Value| {
+        let with = |variant: &Variant, value: &Value| {
             let mut variant = variant.clone();
-            variant.changes.push((key.clone(), value.clone()));
+            variant.changes.push(Change::new(key, value.clone()));
             variant
         };
         variants = variants
@@ -561,7 +561,7 @@ mod tests {
         for (list, last) in [("[3.5, 4, 6]", 6), ("[3, 4, 5]", 5)] {
             let sweep = Sweep::parse(GRID.replace("[3.0, 5.0]", list), Path::new("")).unwrap();
             assert_eq!(sweep.variants.len(), 3, "{list}");
-            assert_eq!(sweep.variants[2].changes[0].1, toml::Value::Integer(last));
+            assert_eq!(sweep.variants[2].changes[0].value, Value::from(last));
         }
         let range = GRID.replace("[3.0, 5.0]", "{ from = 3, to = 7, count = 5 }");
         assert_eq!(Sweep::parse(range, Path::new("")).unwrap().variants.len(), 5);

@@ -1,44 +1,35 @@
-//! Changes of a camera file's keys: single changes by the user, and the grid of a sweep.
+//! Changes of a camera file's keys, before it is read.
 
-use super::{Camera, Folder};
+use super::{Camera, Change, Folder, Value};
 use camrig_base::{Error, Result, toml_text};
-
-/// Reads one `KEY=VALUE`: the value in TOML's syntax, or a bare word as a string.
-///
-/// # Errors
-/// A message for text without `=`.
-pub fn read(text: &str) -> Result<(String, toml::Value), String> {
-    let (key, value) = text.split_once('=').ok_or_else(|| {
-        format!("{text:?}: write KEY=VALUE, for instance sensor.noise.read_e=2.5")
-    })?;
-    let (key, value) = (key.trim(), value.trim());
-    let parsed = toml::from_str::<toml::Table>(&format!("v = {value}"));
-    let parsed = parsed.ok().and_then(|mut table| table.remove("v"));
-    Ok((key.to_string(), parsed.unwrap_or_else(|| toml::Value::String(value.to_string()))))
-}
 
 /// The camera of a file's text with some of its keys changed.
 pub(super) fn parse(
     text: &str,
-    changes: &[(String, toml::Value)],
+    changes: &[Change],
     default_name: &str,
     folder: &Folder<'_>,
 ) -> Result<Camera> {
     if changes.is_empty() {
         return Camera::parse(text, default_name, folder);
     }
-    let mut file: toml::Table = toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
-    let mut words = Vec::new();
-    for (key, value) in changes {
-        set(&mut file, key, value)?;
-        words.push(format!("{key} = {value}"));
-    }
-    let place = |e: Error| e.at(format!("the camera file with {}", words.join(", ")));
-    let text = toml::to_string(&file).map_err(|e| place(Error::input(e.to_string())))?;
+    let words = changes.iter().map(|change| format!("{} = {}", change.key, change.value));
+    let words = words.collect::<Vec<_>>().join(", ");
+    let text = text_with(text, changes)?;
+    let place = |e: Error| e.at(format!("the camera file with {words}"));
     Camera::parse(&text, default_name, folder).map_err(place)
 }
 
-fn set(file: &mut toml::Table, key: &str, value: &toml::Value) -> Result<()> {
+/// The text of a camera file with some of its keys changed.
+pub(super) fn text_with(text: &str, changes: &[Change]) -> Result<String> {
+    let mut file: toml::Table = toml_text::read(text)?;
+    for change in changes {
+        set(&mut file, &change.key, &change.value)?;
+    }
+    toml::to_string(&file).map_err(|e| Error::input(e.to_string()))
+}
+
+fn set(file: &mut toml::Table, key: &str, value: &Value) -> Result<()> {
     let wrong = || {
         Error::input(format!("{key:?} is not a key of a camera file")).help(
             "name it with its table, for instance sensor.noise.read_e, or effect.KIND.KEY; \
@@ -60,7 +51,7 @@ fn set(file: &mut toml::Table, key: &str, value: &toml::Value) -> Result<()> {
             table = table.get_mut(name).and_then(toml::Value::as_table_mut).ok_or_else(wrong)?;
         }
     }
-    table.insert(last.to_string(), value.clone());
+    table.insert(last.to_string(), value.0.clone());
     Ok(())
 }
 
@@ -82,8 +73,8 @@ mod tests {
     use super::*;
 
     fn with(changes: &[&str]) -> Result<Camera> {
-        let changes: Vec<_> = changes.iter().map(|c| read(c).unwrap()).collect();
-        Camera::load_with("mt9t012", &changes)
+        let changes = changes.iter().map(|c| c.parse::<Change>().unwrap());
+        Camera::load_with("mt9t012", changes)
     }
 
     #[test]
@@ -118,6 +109,18 @@ mod tests {
         assert!(said("sensor.timing.shutter=global").contains("line_time_us"));
         assert!(said("sensor.noise.prnu=5").contains("prnu = 5"));
         assert!(said("effect.row-temporal-nose.sigma_e=1").contains("row-temporal-noise"));
-        assert!(read("no equals sign").is_err());
+        assert!("no equals sign".parse::<Change>().is_err());
+    }
+
+    #[test]
+    fn a_camera_of_another_size_is_the_one_that_its_file_describes() {
+        let timing = Change::new("sensor.timing.line_time_us", 20);
+        let size = [Change::new("sensor.width", 64), Change::new("sensor.height", 48)];
+        let changes = [&size[..], &[timing.clone()]].concat();
+        let loaded = Camera::load_with("mt9t012", &changes).unwrap();
+        let sized = Camera::load_with("mt9t012", [timing]).unwrap().with_size(64, 48).unwrap();
+        assert_eq!(format!("{loaded:?}"), format!("{sized:?}"));
+        let error = sized.with_size(0, 48).unwrap_err().to_string();
+        assert!(error.contains("sensor.width = 0"), "{error}");
     }
 }

@@ -2,15 +2,16 @@
 
 use super::effects::{AnyEffect, read_effect};
 use super::empirical::{self, Empirical};
-use super::file::{CameraFile, LensFile, NumberOrFile, SensorFile};
+use super::file::{self, CameraFile, Direction, FallOff, FileName, FractionOrFile, Law};
+use super::file::{LensFile, NoiseFile, SensorFile, TimingFile};
 use super::prescription;
 use super::{
     Camera, CrosstalkTable, Folder, KeptNoise, LensKind, LensModel, Noise, RelativeIllumination,
-    SensorModel, SensorTiming, Shutter, csv_reader,
+    SensorModel, SensorTiming, csv_reader,
 };
 use camrig_base::table::{SpectralTable, Wanted};
-use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes, toml_text};
-use std::cell::RefCell;
+use camrig_base::toml_text::{line_of, place_of_key as place};
+use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes};
 
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
@@ -31,70 +32,27 @@ const FIELD_TABLE: std::ops::RangeInclusive<f64> = 0.0..=1.5;
 /// is that at unity gain).
 const ROW_FPN_OVER_READ: f64 = 0.5;
 
-/// Finds the keys of one table in the file's text, for messages, and collects what is wrong with
-/// them.
-pub(super) struct Keys<'a> {
-    text: &'a str,
-    table: &'static str,
-    wrong: &'a RefCell<Vec<Error>>,
-}
-
-impl Keys<'_> {
-    pub(super) fn place(&self, key: &str) -> String {
-        match toml_text::line_of_key(self.text, self.table, key) {
-            Some(line) => format!("line {line}, key {key:?} of [{}]", self.table),
-            None => format!("key {key:?} of [{}]", self.table),
-        }
-    }
-
-    /// A value, if it lies within its limits; else the nearest limit, and a mistake collected.
-    /// `unit` is for the message.
-    pub(super) fn within(
-        &self,
-        key: &str,
-        v: f64,
-        ok: std::ops::RangeInclusive<f64>,
-        unit: &str,
-    ) -> Result<f64> {
-        if ok.contains(&v) {
-            return Ok(v);
-        }
-        let wrong = Error::input(format!("{key} = {v}")).at(self.place(key));
-        let help = format!("use {} to {} {unit}", ok.start(), ok.end());
-        self.wrong.borrow_mut().push(wrong.help(help));
-        Ok(if v > *ok.end() { *ok.end() } else { *ok.start() })
-    }
-
-    pub(super) fn required<T>(&self, key: &str, value: Option<T>, kind: &str) -> Result<T> {
-        value.ok_or_else(|| {
-            Error::input(format!("key {key:?} is missing"))
-                .at(format!("[{}]", self.table))
-                .help(format!("kind = {kind:?} needs it"))
-        })
-    }
-}
-
+/// The camera of a file, unless there are mistakes in it already or more are found here.
 pub(super) fn camera(
     file: CameraFile,
+    mut wrong: Vec<Error>,
     text: &str,
     default_name: &str,
     folder: &Folder<'_>,
 ) -> Result<Camera> {
-    let wrong = RefCell::new(Vec::new());
-    let keep = |e: Error| wrong.borrow_mut().push(e);
-    let keys = Keys { text, table: "lens", wrong: &wrong };
-    let lens = lens(file.lens, &keys, folder).map_err(keep).ok();
-    let sensor = sensor(file.sensor, text, folder, &wrong).map_err(keep).ok();
+    let mut keep = |e: Error| wrong.push(e);
+    let lens = lens(file.lens, text, folder).map_err(&mut keep).ok().flatten();
+    let sensor = sensor(file.sensor, text, folder).map_err(&mut keep).ok();
     let mut effects = Vec::new();
     for table in &file.effects {
-        let line = toml_text::line_of(text, table.span().start);
+        let line = line_of(text, table.span().start);
         match listed(table.get_ref(), folder) {
             Ok(effect) => effects.push(effect),
             Err(e) => keep(e.at(format!("[[effect]] at line {line}"))),
         }
     }
-    let (Some(lens), Some(sensor), true) = (lens, sensor, wrong.borrow().is_empty()) else {
-        return Err(mistakes::all(wrong.take()));
+    let (Some(lens), Some(sensor), true) = (lens, sensor, wrong.is_empty()) else {
+        return Err(mistakes::all(wrong));
     };
     let name = file.name.unwrap_or_else(|| default_name.to_string());
     let mut camera = Camera {
@@ -134,167 +92,102 @@ fn listed(table: &toml::Table, folder: &Folder<'_>) -> Result<Listed> {
     read_effect(table).map(Listed::Catalogued)
 }
 
-fn lens(file: LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<LensModel> {
-    let kind = file.kind.as_str();
-    let given = [
-        ("relative_illumination", file.relative_illumination.is_some()),
-        ("data", file.data.is_some()),
-        ("file", file.file.is_some()),
-    ];
-    let foreign: &[&str] = match kind {
-        "diffraction-limited" => &["data", "file"],
-        "characterised" => &["file", "relative_illumination"],
-        "prescription" => &["data", "relative_illumination"],
-        _ => {
-            let known = ["diffraction-limited", "characterised", "prescription"];
-            return Err(Error::input(format!("lens kind {kind:?}"))
-                .at(keys.place("kind"))
-                .help(toml_text::did_you_mean(kind, &known)));
-        }
-    };
-    let foreign = given.iter().filter(|(key, given)| *given && foreign.contains(key));
-    let foreign = foreign.map(|(key, _)| *key);
-    let of_prescription = (kind != "prescription").then(|| prescription::given(&file)).flatten();
-    if let Some(key) = foreign.chain(of_prescription).next() {
-        return Err(Error::input(format!("key {key:?} means nothing for kind = {kind:?}"))
-            .at(keys.place(key))
-            .help("remove it, or change the kind"));
-    }
+/// The lens; `None` where a key is missing that its kind needs, which was found already.
+fn lens(file: LensFile, text: &str, folder: &Folder<'_>) -> Result<Option<LensModel>> {
+    let place = |key| place(text, "lens", key);
     let transmittance = match &file.transmittance {
         None => Spectrum::constant(1.0),
-        Some(NumberOrFile::Number(t)) => {
-            Spectrum::constant(keys.within("transmittance", *t, 0.0..=1.0, "")?)
-        }
-        Some(NumberOrFile::File(name)) => fraction_curve(name, Outside::Held, folder)
-            .map_err(|e| e.at(keys.place("transmittance")))?,
+        Some(FractionOrFile::Number(t)) => Spectrum::constant(*t),
+        Some(FractionOrFile::File(FileName(name))) => fraction_curve(name, Outside::Held, folder)
+            .map_err(|e| e.at(place("transmittance")))?,
     };
-    let kind = match kind {
-        "characterised" => LensKind::Characterised(folder.path(&keys.required(
-            "data",
-            file.data,
-            "characterised",
-        )?)),
-        "prescription" => {
-            LensKind::Prescription(Box::new(prescription::setup(&file, keys, folder)?))
+    let kind = match file.kind {
+        file::LensKind::Characterised => {
+            let Some(FileName(name)) = &file.data else { return Ok(None) };
+            LensKind::Characterised(folder.path(name))
         }
-        kind => LensKind::DiffractionLimited {
-            f_number: keys.within(
-                "f_number",
-                keys.required("f_number", file.f_number, kind)?,
-                0.5..=128.0,
-                "(focal length over pupil diameter)",
-            )?,
-            focal_length_mm: keys.within(
-                "focal_length_mm",
-                keys.required("focal_length_mm", file.focal_length_mm, kind)?,
-                0.1..=10_000.0,
-                "mm",
-            )?,
-            magnification: keys.within(
-                "magnification",
-                file.magnification.unwrap_or(0.0).abs(),
-                0.0..=100.0,
-                "(image size over object size)",
-            )?,
-            relative_illumination: match file.relative_illumination.as_deref() {
-                None | Some("cos4") => RelativeIllumination::Cos4,
-                Some("none") => RelativeIllumination::Flat,
-                Some(name) => RelativeIllumination::Table(
-                    field_table(name, folder)
-                        .map_err(|e| e.at(keys.place("relative_illumination")))?,
-                ),
-            },
-        },
+        file::LensKind::Prescription => {
+            let Some(setup) = prescription::setup(&file, text, folder)? else { return Ok(None) };
+            LensKind::Prescription(Box::new(setup))
+        }
+        file::LensKind::DiffractionLimited => {
+            let (Some(f_number), Some(focal_length_mm)) = (file.f_number, file.focal_length_mm)
+            else {
+                return Ok(None);
+            };
+            LensKind::DiffractionLimited {
+                f_number,
+                focal_length_mm,
+                magnification: file.magnification.unwrap_or(0.0).abs(),
+                relative_illumination: match &file.relative_illumination {
+                    None | Some(FallOff::Law(Law::Cos4)) => RelativeIllumination::Cos4,
+                    Some(FallOff::Law(Law::None)) => RelativeIllumination::Flat,
+                    Some(FallOff::File(FileName(name))) => RelativeIllumination::Table(
+                        field_table(name, folder)
+                            .map_err(|e| e.at(place("relative_illumination")))?,
+                    ),
+                },
+            }
+        }
     };
-    Ok(LensModel { kind, transmittance })
+    Ok(Some(LensModel { kind, transmittance }))
 }
 
-fn sensor(
-    file: SensorFile,
-    text: &str,
-    folder: &Folder<'_>,
-    wrong: &RefCell<Vec<Error>>,
-) -> Result<SensorModel> {
-    let keys = Keys { text, table: "sensor", wrong };
-    let side = |key, v: u32| {
-        keys.within(
-            key,
-            f64::from(v),
-            1.0..=f64::from(camrig_sensor_core::config::MAX_SIDE),
-            "pixels",
-        )
-    };
-    side("width", file.width)?;
-    let height = side("height", file.height)? as u32;
-    let cfa = Cfa::parse(&file.cfa).map_err(|e| e.at(keys.place("cfa")))?;
+fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorModel> {
+    let place = |key| place(text, "sensor", key);
+    let cfa = Cfa::parse(&file.cfa).map_err(|e| e.at(place("cfa")))?;
     if cfa.channels().len() > camrig_sensor_core::config::MAX_CHANNELS {
         return Err(Error::input(format!(
             "cfa = {:?} has {} channels",
             file.cfa,
             cfa.channels().len()
         ))
-        .at(keys.place("cfa"))
+        .at(place("cfa"))
         .help(format!("use at most {} letters", camrig_sensor_core::config::MAX_CHANNELS)));
     }
-    let (channel_names, qe) = channels(&file, &cfa, &keys, folder)?;
+    let (channel_names, qe) = channels(&file, &cfa, text, folder)?;
     let ir_cut = match &file.ir_cut {
-        Some(name) => Some(
-            fraction_curve(name, Outside::Zero, folder).map_err(|e| e.at(keys.place("ir_cut")))?,
-        ),
+        Some(FileName(name)) => {
+            Some(fraction_curve(name, Outside::Zero, folder).map_err(|e| e.at(place("ir_cut")))?)
+        }
         None => None,
     };
     let crosstalk = match &file.crosstalk {
-        Some(name) => Some(
+        Some(FileName(name)) => Some(
             folder
                 .read(name)
                 .and_then(|text| CrosstalkTable::parse(&text))
                 .and_then(|table| table.for_channels(&channel_names))
-                .map_err(|e| e.at(name).at(keys.place("crosstalk")))?,
+                .map_err(|e| e.at(name).at(place("crosstalk")))?,
         ),
         None => None,
     };
-    let bits = keys.within("bits", f64::from(file.bits), 8.0..=16.0, "bits")? as u8;
-    let max_dn = f64::from((1u32 << bits) - 1);
+    // Bits out of range are a mistake of their own.
+    let top = f64::from((1u32 << file.bits.min(16)) - 1);
+    if file.black_level_dn >= top {
+        return Err(Error::input(format!("black_level_dn = {}", file.black_level_dn))
+            .at(place("black_level_dn"))
+            .help(format!("use 0 to {} DN: the converter ends at {top}", top - 1.0)));
+    }
     Ok(SensorModel {
         width: file.width,
         height: file.height,
-        pitch_um: keys.within("pitch_um", file.pitch_um, 0.1..=1000.0, "µm")?,
-        fill_factor: keys.within("fill_factor", file.fill_factor, 0.001..=1.0, "(area ratio)")?,
+        pitch_um: file.pitch_um,
+        fill_factor: file.fill_factor,
         cfa,
         channel_names,
         qe,
         ir_cut,
         crosstalk,
-        conversion_gain_uv_per_e: file
-            .conversion_gain_uv_per_e
-            .map(|v| {
-                keys.within("conversion_gain_uv_per_e", v, 0.001..=10_000.0, "µV per electron")
-            })
-            .transpose()?,
-        full_well_e: keys.within(
-            "full_well_e",
-            file.full_well_e,
-            1.0..=f64::from(camrig_sensor_core::arith::MAX_SIGNAL_E),
-            "e-",
-        )?,
-        bits,
-        black_level_dn: keys.within(
-            "black_level_dn",
-            file.black_level_dn,
-            0.0..=max_dn - 1.0,
-            "DN",
-        )?,
-        analog_gain: keys.within("analog_gain", file.analog_gain, 0.01..=1000.0, "")?,
-        temperature_c: keys.within("temperature_c", file.temperature_c, -100.0..=150.0, "°C")?,
+        conversion_gain_uv_per_e: file.conversion_gain_uv_per_e,
+        full_well_e: file.full_well_e,
+        bits: file.bits,
+        black_level_dn: file.black_level_dn,
+        analog_gain: file.analog_gain,
+        temperature_c: file.temperature_c,
         seed: file.seed,
-        timing: match &file.timing {
-            Some(file) => {
-                let keys = Keys { text, table: "sensor.timing", wrong };
-                Some(timing(file, height, &keys)?)
-            }
-            None => None,
-        },
-        noise: noise(&file.noise, &Keys { text, table: "sensor.noise", wrong })?,
+        timing: file.timing.map(|timing| sensor_timing(&timing, file.height)),
+        noise: noise(&file.noise, text)?,
         kept_noise: KeptNoise::default(),
     })
 }
@@ -303,82 +196,53 @@ fn sensor(
 fn channels(
     file: &SensorFile,
     cfa: &Cfa,
-    keys: &Keys<'_>,
+    text: &str,
     folder: &Folder<'_>,
 ) -> Result<(Vec<String>, Vec<Spectrum>)> {
+    let place = |key| place(text, "sensor", key);
     match &file.qe {
-        NumberOrFile::Number(_) if file.qe_peak.is_some() => {
+        FractionOrFile::Number(_) if file.qe_peak.is_some() => {
             Err(Error::input("qe_peak beside a number of qe")
-                .at(keys.place("qe_peak"))
+                .at(place("qe_peak"))
                 .help("remove one of them: qe_peak scales a table"))
         }
-        NumberOrFile::Number(q) => {
-            let q = keys.within("qe", *q, 0.0..=1.0, "electrons per photon")?;
+        FractionOrFile::Number(q) => {
             let names: Vec<String> =
                 cfa.channels().iter().map(|c| c.to_lowercase().to_string()).collect();
-            let curves = vec![Spectrum::constant(q); names.len()];
+            let curves = vec![Spectrum::constant(*q); names.len()];
             Ok((names, curves))
         }
-        NumberOrFile::File(name) => {
-            let peak = file.qe_peak;
-            let within = |v| keys.within("qe_peak", v, 0.001..=1.0, "electrons per photon");
-            let peak = peak.map(within).transpose()?;
-            quantum_efficiency(name, cfa, peak, folder).map_err(|e| e.at(keys.place("qe")))
+        FractionOrFile::File(FileName(name)) => {
+            quantum_efficiency(name, cfa, file.qe_peak, folder).map_err(|e| e.at(place("qe")))
         }
     }
 }
 
-fn timing(file: &super::file::TimingFile, rows: u32, keys: &Keys<'_>) -> Result<SensorTiming> {
-    let lines = file.frame_length_lines.unwrap_or(rows);
-    // Those of a register of 16 bits.
-    let lines = keys.within("frame_length_lines", f64::from(lines), 1.0..=65_535.0, "lines")?;
-    let one_of = |key, given: &Option<String>, names: [&str; 2]| match given.as_deref() {
-        None => Ok(0),
-        Some(name) => names.iter().position(|n| *n == name).ok_or_else(|| {
-            let wrong = Error::input(format!("{key} = {name:?}")).at(keys.place(key));
-            wrong.help(toml_text::did_you_mean(name, &names))
-        }),
-    };
-    let shutters = [Shutter::Rolling, Shutter::Global];
-    let shutter = shutters[one_of("shutter", &file.shutter, SensorTiming::SHUTTERS)?];
-    let upwards = one_of("direction", &file.direction, SensorTiming::DIRECTIONS)? == 1;
-    let Some(line_time_us) = file.line_time_us else {
-        return Err(Error::input("key \"line_time_us\" is missing")
-            .at("[sensor.timing]")
-            .help("it is the time from one row to the next, µs"));
-    };
-    Ok(SensorTiming {
-        line_time_us: keys.within("line_time_us", line_time_us, 0.1..=10_000.0, "µs")?,
-        frame_length_lines: lines as u32,
-        shutter,
-        upwards,
-    })
+fn sensor_timing(file: &TimingFile, rows: u32) -> SensorTiming {
+    SensorTiming {
+        line_time_us: file.line_time_us,
+        frame_length_lines: file.frame_length_lines.unwrap_or(rows),
+        shutter: file.shutter,
+        upwards: file.direction == Direction::Up,
+    }
 }
 
-fn noise(file: &super::file::NoiseFile, keys: &Keys<'_>) -> Result<Noise> {
-    let read_e = keys.within("read_e", file.read_e, 0.0..=1e5, "e-")?;
-    // A read noise out of range says nothing about its part.
-    let whole = if read_e == file.read_e { read_e } else { f64::MAX };
-    let dark = |key, v| keys.within(key, v, 0.0..=1e6, "e-/s");
+fn noise(file: &NoiseFile, text: &str) -> Result<Noise> {
+    // A read noise out of range, which is a mistake of its own, says nothing about its part.
+    if file.read_e >= 0.0 && file.read_e_post > file.read_e {
+        return Err(Error::input(format!("read_e_post = {}", file.read_e_post))
+            .at(place(text, "sensor.noise", "read_e_post"))
+            .help(format!("use 0 to {} e-, the whole", file.read_e)));
+    }
     Ok(Noise {
-        read_e,
-        read_e_post: keys.within("read_e_post", file.read_e_post, 0.0..=whole, "e-, the whole")?,
-        dark_current_e_per_s: dark("dark_current_e_per_s", file.dark_current_e_per_s)?,
-        dark_doubling_c: keys.within("dark_doubling_c", file.dark_doubling_c, 1.0..=100.0, "K")?,
-        temperature_ref_c: keys.within(
-            "temperature_ref_c",
-            file.temperature_ref_c,
-            -100.0..=150.0,
-            "°C",
-        )?,
-        dsnu_e_per_s: dark("dsnu_e_per_s", file.dsnu_e_per_s)?,
-        prnu: keys.within("prnu", file.prnu, 0.0..=0.14, "(relative standard deviation)")?,
-        row_fpn_e: keys.within(
-            "row_fpn_e",
-            file.row_fpn_e.unwrap_or(ROW_FPN_OVER_READ * read_e),
-            0.0..=1e5,
-            "e-",
-        )?,
+        read_e: file.read_e,
+        read_e_post: file.read_e_post,
+        dark_current_e_per_s: file.dark_current_e_per_s,
+        dark_doubling_c: file.dark_doubling_c,
+        temperature_ref_c: file.temperature_ref_c,
+        dsnu_e_per_s: file.dsnu_e_per_s,
+        prnu: file.prnu,
+        row_fpn_e: file.row_fpn_e.unwrap_or(ROW_FPN_OVER_READ * file.read_e),
     })
 }
 

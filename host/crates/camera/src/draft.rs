@@ -5,9 +5,9 @@
 //! ([`crate::typical`]). [`Draft::text`] is the file, with all of that beside the values.
 
 use super::facts::{Fact, Sensor};
-use super::keys::{self, KEYS, Key};
+use super::keys::{self, Key};
 use super::typical::{self, GREEN_OVER_MONO, Known, rounded};
-use super::{Camera, Folder, builtin, efficiency};
+use super::{Camera, Change, Folder, Value, builtin, efficiency};
 use camrig_base::{Error, ErrorCode, Result, mistakes, toml_text};
 use std::path::Path;
 
@@ -96,7 +96,7 @@ pub struct Entry {
     /// The key.
     pub key: &'static Key,
     /// Its value.
-    pub value: toml::Value,
+    pub value: Value,
     /// What is behind it.
     pub basis: Basis,
 }
@@ -119,8 +119,8 @@ pub struct Request {
     pub name: String,
     /// A built-in camera that it starts from.
     pub like: Option<String>,
-    /// Keys by their paths, with values.
-    pub given: Vec<(String, toml::Value)>,
+    /// Keys with values.
+    pub given: Vec<Change>,
     /// Points of the quantum efficiency from a data sheet, as [`efficiency::Point`] reads them.
     pub efficiency: Vec<String>,
 }
@@ -189,8 +189,8 @@ impl Draft {
             making.curve = Some((name.clone(), points.len()));
             made.push((name, curve));
         }
-        let entries = KEYS.iter().filter_map(|key| {
-            let (value, basis) = match (key.path().as_str(), making.given("name")) {
+        let entries = Key::all().iter().filter_map(|key| {
+            let (value, basis) = match (key.path(), making.given("name")) {
                 ("name", None) => (request.name.clone().into(), Basis::plain(Grade::Given, "")),
                 (path, _) => making.entry(path)?,
             };
@@ -243,18 +243,10 @@ fn checked(request: &Request, making: &Making<'_>) -> Result<Vec<efficiency::Poi
 }
 
 /// What is wrong with given keys: unknown, or with values of another type or range.
-fn mistakes_of(given: &[(String, toml::Value)]) -> Vec<Error> {
-    let mistake = |(path, value): &(String, toml::Value)| match Key::of(path) {
-        Some(key) if key.takes(value) => None,
-        Some(key) => {
-            Some(Error::input(format!("{path} = {value}")).help(format!("use a {}", key.range())))
-        }
-        None => {
-            let paths: Vec<String> = KEYS.iter().map(Key::path).collect();
-            let nearest = toml_text::nearest(path, paths.iter().map(String::as_str));
-            let help = format!("did you mean {nearest:?}? `camrig explain` lists the keys");
-            Some(Error::input(format!("{path:?} is no key of a camera file")).help(help))
-        }
+fn mistakes_of(given: &[Change]) -> Vec<Error> {
+    let mistake = |change: &Change| match Key::of(&change.key) {
+        Some(key) => key.mistake(&change.value),
+        None => Some(keys::unknown(&change.key)),
     };
     given.iter().filter_map(mistake).collect()
 }
@@ -295,18 +287,18 @@ pub(crate) fn unknown(what: &str, name: &str) -> Error {
 
 /// A draft in the making: where values come from.
 struct Making<'a> {
-    given: &'a [(String, toml::Value)],
+    given: &'a [Change],
     base: Base,
     /// A table of the quantum efficiency that was made, and through how many points.
     curve: Option<(String, usize)>,
 }
 
-type Found = Option<(toml::Value, Basis)>;
+type Found = Option<(Value, Basis)>;
 
 impl Making<'_> {
     /// Value and basis of a key, `None` where it is left out.
     fn entry(&self, path: &str) -> Found {
-        let kind = self.given("lens.kind").and_then(toml::Value::as_str);
+        let kind = self.given("lens.kind").and_then(Value::as_str);
         let of_another_lens = kind.is_some_and(|kind| kind != "diffraction-limited")
             && ["lens.f_number", "lens.focal_length_mm", "lens.relative_illumination"]
                 .contains(&path);
@@ -325,8 +317,8 @@ impl Making<'_> {
         })
     }
 
-    fn given(&self, path: &str) -> Option<&toml::Value> {
-        self.given.iter().rev().find(|(key, _)| key == path).map(|(_, value)| value)
+    fn given(&self, path: &str) -> Option<&Value> {
+        self.given.iter().rev().find(|change| change.key == path).map(|change| &change.value)
     }
 
     /// Value and basis without rules of thumb.
@@ -347,7 +339,7 @@ impl Making<'_> {
 
     fn number(&self, path: &str) -> Option<f64> {
         let (value, _) = self.decided(path)?;
-        number_of(&value)
+        value.as_f64()
     }
 
     fn mono(&self) -> bool {
@@ -482,7 +474,7 @@ impl Making<'_> {
         }
         let well = sensor.fact("full_well")?;
         let (black, _) = self.entry("sensor.black_level_dn")?;
-        let black = number_of(&black)?;
+        let black = black.as_f64()?;
         let note = format!("{} e- fill {} of {top} DN", well.value, top - black);
         let full = well.number()? * top / (top - black);
         Some((rounded(full, 4).into(), Basis::derived(well, note)))
@@ -500,11 +492,6 @@ impl Making<'_> {
         let note = format!("{a} e- at unity gain, {b} e- at gain {}", rounded(gain, 3));
         Some((rounded(post, 3).into(), Basis::derived(raised, note)))
     }
-}
-
-/// A number, whole or not.
-fn number_of(value: &toml::Value) -> Option<f64> {
-    value.as_float().or(value.as_integer().map(|i| i as f64))
 }
 
 /// A colour filter pattern in the words of a camera file.
@@ -534,7 +521,7 @@ fn of_file(path: &str, name: &str, file: &toml::Table) -> Found {
     let (last, tables) =
         path.split('.').collect::<Vec<_>>().split_last().map(|(l, t)| (*l, t.to_vec()))?;
     let table = tables.into_iter().try_fold(file, |table, name| table.get(name)?.as_table())?;
-    let value = table.get(last)?.clone();
+    let value = Value(table.get(last)?.clone());
     let sourced = SOURCED.iter().find(|(of, keys, ..)| *of == name && keys.contains(&path));
     let basis = match sourced {
         Some((_, _, grade, source)) => {
@@ -553,7 +540,7 @@ mod tests {
         Request {
             name: "mine".into(),
             like: like.map(String::from),
-            given: given.iter().map(|text| crate::changes::read(text).unwrap()).collect(),
+            given: given.iter().map(|text| text.parse().unwrap()).collect(),
             efficiency: points.iter().map(|point| point.to_string()).collect(),
         }
     }
@@ -620,7 +607,7 @@ mod tests {
         // A whole number is a number: 4562 e- in 1023 - 23 DN.
         let given = request(Some("imx219"), &["sensor.black_level_dn=23"], &[]);
         let full = Draft::of(&given).unwrap().entry("sensor.full_well_e").unwrap().clone();
-        assert_eq!(full.value.as_float(), Some(4667.0));
+        assert_eq!(full.value.as_f64(), Some(4667.0));
         assert!(matches!(
             camera.lens.kind,
             crate::LensKind::DiffractionLimited { f_number: 4.0, .. }
@@ -633,7 +620,7 @@ mod tests {
         let names = draft.tables().into_iter().map(|(name, _)| name).collect::<Vec<_>>();
         assert_eq!(names, ["mobile-qe.csv", "ir-cut-690.csv"]);
         assert_eq!(camera.sensor.qe.len(), 3);
-        assert_eq!(draft.entry("sensor.qe_peak").unwrap().value.as_float(), Some(0.72));
+        assert_eq!(draft.entry("sensor.qe_peak").unwrap().value.as_f64(), Some(0.72));
     }
 
     #[test]
@@ -679,11 +666,11 @@ mod tests {
             text.contains("# Distance of neighbouring pixels, µm; usually 0.6 to 2 in phones")
         );
         let file: toml::Table = toml::from_str(&text).unwrap();
-        for entry in draft.entries.iter().filter(|e| !e.key.table.is_empty()) {
-            let mut tables = entry.key.table.split('.');
+        for entry in draft.entries.iter().filter(|e| !e.key.table().is_empty()) {
+            let mut tables = entry.key.table().split('.');
             let table = tables.try_fold(&file, |t, name| t.get(name)?.as_table()).unwrap();
-            assert_eq!(table[entry.key.name], entry.value);
-            let line = text.lines().find(|l| l.starts_with(&format!("{} =", entry.key.name)));
+            assert_eq!(table[entry.key.name()], entry.value.0);
+            let line = text.lines().find(|l| l.starts_with(&format!("{} =", entry.key.name())));
             let words = line.unwrap().split_once(" # ").unwrap().1;
             assert!(words.starts_with(entry.basis.grade.name()), "{words}");
         }
@@ -705,7 +692,7 @@ mod tests {
                 ["sensor.width=64", "sensor.height=48", "sensor.bits=12", "sensor.cfa=mono"];
             let pitch = format!("sensor.pitch_um={pitch}");
             let (draft, _) = camera(&request(None, &[&given[..], &[&pitch]].concat(), &[]));
-            let rule = draft.entry("sensor.full_well_e").unwrap().value.as_float().unwrap();
+            let rule = draft.entry("sensor.full_well_e").unwrap().value.as_f64().unwrap();
             let ratio = rule / well.number().unwrap();
             assert!((1.0 / 3.0..=3.0).contains(&ratio), "{}: {ratio}", sensor.name());
         }

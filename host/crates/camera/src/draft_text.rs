@@ -27,8 +27,8 @@ impl Draft {
         }
         let mut table = "";
         for entry in &self.entries {
-            if entry.key.table != table {
-                table = entry.key.table;
+            if entry.key.table() != table {
+                table = entry.key.table();
                 text += &format!("\n[{table}]\n");
             }
             text += &lines(entry, &sources);
@@ -51,8 +51,8 @@ impl Draft {
 /// The lines of a key.
 fn lines(entry: &Entry, sources: &[&str]) -> String {
     let (key, basis) = (entry.key, &entry.basis);
-    let value = format!("{} = {}", key.name, entry.value);
-    if key.table.is_empty() {
+    let value = format!("{} = {}", key.name(), entry.value);
+    if key.table().is_empty() {
         return format!("{value}\n");
     }
     let place = sources.iter().position(|s| *s == basis.source);
@@ -67,10 +67,10 @@ fn lines(entry: &Entry, sources: &[&str]) -> String {
 
 /// What a key means, its unit and usual values.
 fn meaning(key: &Key) -> String {
-    let said = key.unit.is_empty() || key.summary().to_lowercase().contains(key.unit);
-    let unit = if said { String::new() } else { format!(", {}", key.unit) };
+    let said = key.unit().is_empty() || key.summary().to_lowercase().contains(key.unit());
+    let unit = if said { String::new() } else { format!(", {}", key.unit()) };
     let usual =
-        if key.usual.is_empty() { String::new() } else { format!("; usually {}", key.usual) };
+        if key.usual().is_empty() { String::new() } else { format!("; usually {}", key.usual()) };
     format!("{}{unit}{usual}.", key.summary())
 }
 

@@ -2,8 +2,10 @@
 
 use super::empirical::{self, Word};
 use super::optical::OpticalEffect;
+use super::parameter::number;
 use camrig_base::{Error, Result, toml_text};
 use camrig_sensor_core::effects::{Effect, Parameter};
+use serde::Deserialize;
 
 /// The effect that an `[[effect]]` table describes.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,12 +62,29 @@ impl EffectKind {
     }
 }
 
-/// Reads one `[[effect]]` table of an effect without a table of its own.
+/// The effects of the `[[effect]]` tables of a TOML text.
+///
+/// ```
+/// let text = "[[effect]]\nkind = 'row-temporal-noise'\nsigma_e = 2.0\n";
+/// assert_eq!(camrig_camera::read_effects(text)?.len(), 1);
+/// # Ok::<(), camrig_base::Error>(())
+/// ```
 ///
 /// # Errors
 /// An unknown kind, unknown or missing keys, values out of range; the message names the key. An
 /// empirical effect, which only a camera file may have.
-pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
+pub fn read_effects(text: &str) -> Result<Vec<AnyEffect>> {
+    #[derive(Deserialize)]
+    struct Tables {
+        #[serde(default)]
+        effect: Vec<toml::Table>,
+    }
+    let tables: Tables = toml_text::read(text)?;
+    tables.effect.iter().map(read_effect).collect()
+}
+
+/// The effect of a table, if it is none with a file of its own.
+pub(crate) fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     let kind = table.get("kind").and_then(toml::Value::as_str).ok_or_else(|| {
         Error::input("key \"kind\" is missing").help("kind = \"row-temporal-noise\", for instance")
     })?;
@@ -91,30 +110,4 @@ pub fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
         None => OpticalEffect::new(kind, &values).map(AnyEffect::Optical),
     };
     effect.ok_or_else(|| Error::input(format!("values of {kind:?} do not fit together")))
-}
-
-/// A parameter of an `[[effect]]` table.
-pub(crate) fn number(table: &toml::Table, kind: &str, parameter: &Parameter) -> Result<f32> {
-    let key = parameter.key;
-    let range = || {
-        format!(
-            "{key} is {} ({}), {} to {}",
-            parameter.doc.trim(),
-            parameter.unit,
-            parameter.min,
-            parameter.max
-        )
-    };
-    let number = match table.get(key) {
-        Some(v) => v.as_float().or(v.as_integer().map(|i| i as f64)).map(|v| v as f32),
-        None => parameter.default,
-    };
-    match number {
-        Some(v) if (parameter.min..=parameter.max).contains(&v) => Ok(v),
-        Some(v) => Err(Error::input(format!("{key} = {v} of {:?}", kind)).help(range())),
-        None if table.contains_key(key) => {
-            Err(Error::input(format!("{key} of {:?} is no number", kind)).help(range()))
-        }
-        None => Err(Error::input(format!("key {key:?} of {:?} is missing", kind)).help(range())),
-    }
 }

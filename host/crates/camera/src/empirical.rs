@@ -8,7 +8,7 @@ pub use table::{Along, Curve, Law, Map, Noise, Response, Seam, Sine, Step, Table
 pub(crate) use words::WORDS;
 pub use words::Word;
 
-use super::effects::number;
+use super::parameter::number;
 use super::{Camera, Folder};
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_sensor_core::effects::empirical::{self as core, Quantity, Shape};
@@ -140,8 +140,8 @@ impl Empirical {
         }
     }
 
-    /// The `[[effect]]` table of a camera file whose table of numbers is in `file`.
-    pub fn to_toml(&self, file: &str) -> toml::Table {
+    /// The keys of its `[[effect]]` table, in TOML; its table of numbers is in `file`.
+    pub fn to_toml(&self, file: &str) -> String {
         let defaults = Self::new(self.quantity, Table::RowFlat, 1.0);
         let mut out = toml::Table::new();
         let mut put = |key: &str, value: toml::Value| out.insert(key.to_string(), value);
@@ -166,7 +166,7 @@ impl Empirical {
         if let Some(description) = &self.description {
             put("description", description.as_str().into());
         }
-        out
+        out.to_string()
     }
 
     /// Its words in the table of a sensor that starts with a frame: their number, then themselves.

@@ -11,8 +11,7 @@
 //! use camrig_base::Bands;
 //! use camrig_camera::{Camera, LensKind};
 //!
-//! let change = ("sensor.noise.read_e".to_string(), 6.0.into());
-//! let camera = Camera::load_with("mt9t012", &[change])?;
+//! let camera = Camera::load_with("mt9t012", [("sensor.noise.read_e", 6.0)])?;
 //! let sensor = &camera.sensor;
 //! assert_eq!((sensor.width, sensor.height, sensor.pitch_um), (2048, 1536, 2.2));
 //! assert_eq!(sensor.noise.read_e, 6.0); // e⁻
@@ -26,7 +25,7 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod builtin;
-pub mod changes;
+mod changes;
 mod check;
 mod crosstalk;
 pub mod draft;
@@ -39,6 +38,8 @@ mod file;
 mod kept_noise;
 pub mod keys;
 pub mod optical;
+mod order;
+mod parameter;
 mod prescription;
 pub mod presets;
 pub mod schema;
@@ -47,17 +48,19 @@ mod sensor;
 mod tests;
 pub mod timing;
 pub mod typical;
+mod value;
 
 pub use camrig_base::Cfa;
 pub use crosstalk::CrosstalkTable;
-pub use effects::{AnyEffect, EffectKind, read_effect};
+pub use effects::{AnyEffect, EffectKind, read_effects};
 pub use kept_noise::KeptNoise;
 pub use optical::OpticalEffect;
 pub use sensor::{Noise, SensorModel};
 pub use timing::{FrameClock, RowWindows, SensorTiming, Shutter};
+pub use value::{Change, Value};
 
 use camrig_base::table::text_of;
-use camrig_base::{Bands, Error, Result, Spectrum, mistakes};
+use camrig_base::{Bands, Error, Result, Spectrum, mistakes, toml_text};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -219,46 +222,79 @@ impl Camera {
     /// An unknown preset, a file that cannot be read, unknown or missing keys, values out of
     /// range.
     pub fn load(spec: &str) -> Result<Self> {
-        Self::load_with(spec, &[])
+        Self::load_with(spec, [] as [Change; 0])
     }
 
-    /// Loads a camera with keys of its file changed: `sensor.noise.read_e`, or `effect.KIND.KEY`
-    /// for the effect of that kind, which is added where the file has none. [`Camera::text`] is
-    /// the changed file.
+    /// Loads a camera with keys of its file changed. [`Camera::text`] is the changed file.
+    ///
+    /// ```
+    /// use camrig_camera::{Camera, Change};
+    ///
+    /// let camera = Camera::load_with("mt9v024", [("sensor.noise.read_e", 6.0)])?;
+    /// assert_eq!(camera.sensor.noise.read_e, 6.0);
+    /// # Ok::<(), camrig_base::Error>(())
+    /// ```
     ///
     /// # Errors
     /// Those of [`Camera::load`], and keys that a camera file does not have.
-    pub fn load_with(spec: &str, changes: &[(String, toml::Value)]) -> Result<Self> {
+    pub fn load_with<C: Into<Change>>(
+        spec: &str,
+        changes: impl IntoIterator<Item = C>,
+    ) -> Result<Self> {
+        let changes: Vec<Change> = changes.into_iter().map(Into::into).collect();
         if is_preset(spec) {
             let text = presets::file(&format!("{spec}.toml")).ok_or_else(|| {
                 let error = presets::unknown("camera", spec);
                 let help = error.remedy().unwrap_or_default().to_string();
                 error.help(format!("{help}; or give a file such as ./camera.toml"))
             })?;
-            return changes::parse(text, changes, spec, &Folder::BuiltIn);
+            return changes::parse(text, &changes, spec, &Folder::BuiltIn);
         }
         let path = Path::new(spec);
         let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
         let directory = path.parent().unwrap_or(Path::new("."));
         let stem = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
         let folder = Folder::Directory(directory);
-        changes::parse(&text, changes, &stem, &folder).map_err(|e| e.at(spec))
+        changes::parse(&text, &changes, &stem, &folder).map_err(|e| e.at(spec))
+    }
+
+    /// The camera with another number of pixels, of the same size: 320 columns and 240 rows, for
+    /// instance. A frame length that its file does not give is the new number of rows.
+    ///
+    /// ```
+    /// let camera = camrig_camera::Camera::load("mt9v024")?.with_size(320, 240)?;
+    /// assert_eq!((camera.sensor.width, camera.sensor.height), (320, 240));
+    /// # Ok::<(), camrig_base::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// A size that no sensor has.
+    pub fn with_size(mut self, width: u32, height: u32) -> Result<Self> {
+        let size = [Change::new("sensor.width", width), Change::new("sensor.height", height)];
+        let mistakes = size.iter().filter_map(|c| keys::Key::of(&c.key)?.mistake(&c.value));
+        let mistakes: Vec<Error> = mistakes.collect();
+        if !mistakes.is_empty() {
+            return Err(mistakes::all(mistakes));
+        }
+        self.text = changes::text_with(&self.text, &size)?;
+        let file: toml::Table = toml_text::read(&self.text)?;
+        let timing = file.get("sensor").and_then(|sensor| sensor.get("timing"));
+        let own_length = timing.is_some_and(|t| t.get("frame_length_lines").is_some());
+        (self.sensor.width, self.sensor.height) = (width, height);
+        if let Some(timing) = self.sensor.timing.as_mut().filter(|_| !own_length) {
+            timing.frame_length_lines = height;
+        }
+        Ok(self)
     }
 
     fn parse(text: &str, default_name: &str, folder: &Folder<'_>) -> Result<Self> {
-        let file: std::result::Result<file::CameraFile, _> = mistakes::find(text);
-        let missing = keys::missing(text);
-        match file {
-            Ok(file) if missing.is_none() => check::camera(file, text, default_name, folder),
-            file => {
-                // All missing keys in one, with what is known of them, instead of the parser's.
-                let mut wrong: Vec<Error> = missing.into_iter().collect();
-                let others = file.err().unwrap_or_default().into_iter();
-                let told = |e: &Error| !wrong.is_empty() && e.what().starts_with("missing field");
-                let others: Vec<Error> = others.filter(|e| !told(e)).collect();
-                wrong.extend(others);
-                Err(mistakes::all(wrong))
-            }
+        match mistakes::compare(text, &keys::DECLARED) {
+            (Some(file), wrong) => check::camera(file, wrong, text, default_name, folder),
+            (None, wrong) => Err(mistakes::all(wrong)),
         }
+        .map_err(|e| match e.remedy() {
+            None => e.help("`camrig explain` says what the keys mean"),
+            Some(_) => e,
+        })
     }
 }

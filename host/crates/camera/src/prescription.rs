@@ -1,68 +1,46 @@
 //! `kind = "prescription"`: a lens file, and how the lens is used.
 
 use super::Folder;
-use super::check::Keys;
-use super::file::LensFile;
-use super::keys::{DISTANCES_MM, FREQUENCIES_PER_MM, SHIFTS_MM, STOP_RADII_MM, WAVELENGTHS_NM};
+use super::file::{FileName, LensFile, OneOrSeveral};
+use camrig_base::toml_text::place_of_key;
 use camrig_base::{Error, Result};
 use camrig_prescription::{Conditions, Focus, Glass, Setup};
 
-/// The first key of a file that says how a prescription is used.
-pub(super) fn given(file: &LensFile) -> Option<&'static str> {
-    let keys = [
-        ("object_distance_mm", file.object_distance_mm.is_some()),
-        ("focus_distance_mm", file.focus_distance_mm.is_some()),
-        ("focus_mtf_per_mm", file.focus_mtf_per_mm.is_some()),
-        ("sensor_shift_mm", file.sensor_shift_mm.is_some()),
-        ("stop_radius_mm", file.stop_radius_mm.is_some()),
-        ("reference_nm", file.reference_nm.is_some()),
-        ("configuration", file.configuration.is_some()),
-        ("glass", file.glass.is_some()),
-        ("glass_catalogue", file.glass_catalogue.is_some()),
-    ];
-    keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
-}
-
-/// The prescription of a camera file.
-pub(super) fn setup(file: &LensFile, keys: &Keys<'_>, folder: &Folder<'_>) -> Result<Setup> {
-    let number = |key: &str, value: Option<f64>, (low, high): (f64, f64), unit: &str| {
-        value.map(|v| keys.within(key, v, low..=high, unit)).transpose()
-    };
-    let distance = |key, value| number(key, value, DISTANCES_MM, "mm");
-    let focus_at = distance("focus_distance_mm", file.focus_distance_mm)?;
-    let best = number("focus_mtf_per_mm", file.focus_mtf_per_mm, FREQUENCIES_PER_MM, "cycles/mm")?;
-    let focus = match (focus_at, best) {
+/// The prescription of a camera file; `None` where the file has no name.
+pub(super) fn setup(file: &LensFile, text: &str, folder: &Folder<'_>) -> Result<Option<Setup>> {
+    let Some(FileName(name)) = &file.file else { return Ok(None) };
+    let place = |key| place_of_key(text, "lens", key);
+    let focus = match (file.focus_distance_mm, file.focus_mtf_per_mm) {
         (Some(_), Some(_)) => {
             return Err(Error::input("both focus_distance_mm and focus_mtf_per_mm")
-                .at(keys.place("focus_mtf_per_mm"))
+                .at(place("focus_mtf_per_mm"))
                 .help("give one of them: each says where the sensor is"));
         }
         (Some(mm), None) => Focus::At(mm),
         (None, Some(per_mm)) => Focus::BestMtf(per_mm),
         (None, None) => Focus::AsDesigned,
     };
-    let shift = number("sensor_shift_mm", file.sensor_shift_mm, SHIFTS_MM, "mm")?;
     let conditions = Conditions {
-        object_distance_mm: distance("object_distance_mm", file.object_distance_mm)?,
+        object_distance_mm: file.object_distance_mm,
         focus,
-        sensor_shift_mm: shift.unwrap_or(0.0),
-        stop_radius_mm: number("stop_radius_mm", file.stop_radius_mm, STOP_RADII_MM, "mm")?,
-        reference_nm: number("reference_nm", file.reference_nm, WAVELENGTHS_NM, "nm")?,
+        sensor_shift_mm: file.sensor_shift_mm.unwrap_or(0.0),
+        stop_radius_mm: file.stop_radius_mm,
+        reference_nm: file.reference_nm,
     };
-    let texts = |list: &Option<super::file::OneOrSeveral>| {
+    let texts = |list: &Option<OneOrSeveral>| {
         list.as_ref().map_or_else(Vec::new, |list| list.texts().to_vec())
     };
     let glasses: Result<Vec<(String, Glass)>> = texts(&file.glass)
         .iter()
-        .map(|text| Glass::named(text).map_err(|e| e.at(keys.place("glass"))))
+        .map(|text| Glass::named(text).map_err(|e| e.at(place("glass"))))
         .collect();
-    Ok(Setup {
-        file: folder.path(&keys.required("file", file.file.clone(), "prescription")?),
+    Ok(Some(Setup {
+        file: folder.path(name),
         glasses: glasses?,
         catalogues: texts(&file.glass_catalogue).iter().map(|name| folder.path(name)).collect(),
         configuration: file.configuration.as_ref().map(ToString::to_string),
         conditions,
-    })
+    }))
 }
 
 #[cfg(test)]
@@ -120,8 +98,8 @@ mod tests {
             let error = setup(keys).unwrap_err().to_string();
             assert!(error.contains(words), "{keys}: {error}");
         }
-        let change = ("lens.stop_radius_mm".to_string(), 0.5.into());
-        let error = Camera::load_with("mt9v024", &[change]).unwrap_err().to_string();
+        let change = [("lens.stop_radius_mm", 0.5)];
+        let error = Camera::load_with("mt9v024", change).unwrap_err().to_string();
         assert!(error.contains("means nothing for kind"), "{error}");
     }
 }

@@ -11,11 +11,16 @@
 //! sensor's registers of these names hold.
 
 use camrig_base::{Error, Result};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// Whether rows collect light one after the other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+#[schemars(inline)]
 pub enum Shutter {
     /// Each row a line time after the one before.
+    #[default]
     Rolling,
     /// All rows at once.
     Global,
@@ -35,11 +40,6 @@ pub struct SensorTiming {
 }
 
 impl SensorTiming {
-    /// Names of shutters in a camera file.
-    pub const SHUTTERS: [&'static str; 2] = ["rolling", "global"];
-    /// Names of directions in a camera file.
-    pub const DIRECTIONS: [&'static str; 2] = ["down", "up"];
-
     /// Frame period for an exposure, s: its lines are at least those of the exposure.
     #[must_use]
     pub fn period_s(&self, exposure_s: f64) -> f64 {

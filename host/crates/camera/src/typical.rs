@@ -3,8 +3,10 @@
 //! They stand in for values that a data sheet does not give. A file that is made with them says
 //! `typical` beside each.
 
+use super::Value;
+
 /// A value and why it is that.
-pub type Rule = (toml::Value, &'static str);
+pub type Rule = (Value, &'static str);
 
 /// What rules depend on.
 #[derive(Clone, Copy, Debug)]

@@ -234,10 +234,10 @@ mod tests {
     use camrig_lens::Conditions;
     use camrig_optics::Options;
 
-    fn camera(changes: &[(&str, toml::Value)]) -> Camera {
+    fn camera(changes: &[(&str, camrig_camera::Value)]) -> Camera {
         let small = [("sensor.width", 16.into()), ("sensor.height", 12.into())];
-        let all = small.iter().chain(changes).map(|(k, v)| (k.to_string(), v.clone()));
-        Camera::load_with("mt9v024", &all.collect::<Vec<_>>()).unwrap()
+        let all = small.iter().chain(changes).cloned();
+        Camera::load_with("mt9v024", all).unwrap()
     }
 
     fn cube() -> IrradianceCube {
@@ -279,9 +279,8 @@ mod tests {
             let text = refusal(&camera(&[(key, value)]), &header);
             assert!(text.contains(key), "{key}: {text}");
         }
-        let mobile = [("sensor.width", 16.into()), ("sensor.height", 12.into())];
-        let mobile = mobile.map(|(k, v): (&str, toml::Value)| (k.to_string(), v));
-        let text = refusal(&Camera::load_with("mobile", &mobile).unwrap(), &header);
+        let mobile = Camera::load("mobile").unwrap().with_size(16, 12).unwrap();
+        let text = refusal(&mobile, &header);
         assert!(text.contains("sensor.pitch_um") && text.contains("lens.f_number"), "{text}");
     }
 

@@ -172,6 +172,7 @@ pub fn charge_binned(camera: &Camera, n: u32) -> Result<Camera> {
 mod tests {
     use super::*;
     use camrig_base::Cfa;
+    use camrig_camera::Change;
 
     fn frame(cfa: &str) -> RawFrame {
         RawFrame {
@@ -223,9 +224,8 @@ mod tests {
 
     #[test]
     fn charge_binning_is_a_sensor_of_larger_pixels() {
-        let mono = [("cfa", "mono".into()), ("qe", 0.5.into())];
-        let mono = mono.map(|(k, v): (&str, toml::Value)| (format!("sensor.{k}"), v));
-        let camera = Camera::load_with("mt9v024", &mono).unwrap();
+        let mono = [Change::new("sensor.cfa", "mono"), Change::new("sensor.qe", 0.5)];
+        let camera = Camera::load_with("mt9v024", mono).unwrap();
         let binned = charge_binned(&camera, 2).unwrap();
         let (one, four) = (&camera.sensor, &binned.sensor);
         assert_eq!((four.width, four.height), (one.width / 2, one.height / 2));

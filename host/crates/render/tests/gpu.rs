@@ -23,9 +23,7 @@ fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
     let lens = "[lens]\nkind = \"characterised\"\ndata = \"lens\"\n";
     let file = dir.path().join("c.toml");
     std::fs::write(&file, [&preset[..from], lens, &preset[to..]].concat()).unwrap();
-    let size = [("sensor.width", 96), ("sensor.height", 64)];
-    let changes = size.map(|(key, value)| (key.to_string(), toml::Value::Integer(value)));
-    let camera = Camera::load_with(file.to_str().unwrap(), &changes).unwrap();
+    let camera = Camera::load(file.to_str().unwrap()).unwrap().with_size(96, 64).unwrap();
 
     let scene = camrig_scene::chart::open("colorchecker").unwrap().unwrap();
     let light = Illuminant::parse("D65").unwrap();

@@ -18,7 +18,7 @@
 
 use super::Rig;
 use super::client::whole_lines;
-use camrig_base::{Error, Result, toml_text};
+use camrig_base::{Error, Result, mistakes};
 use camrig_rig_link::registers::UNITY_GAIN_CODE;
 use camrig_rig_link::registers::address::{
     ANALOG_GAIN, COARSE_INTEGRATION_TIME, FRAME_LENGTH_LINES, LINE_LENGTH_NS,
@@ -88,7 +88,7 @@ impl Script {
     }
 
     fn parse(text: &str) -> Result<Self> {
-        let file: File = toml::from_str(text).map_err(|e| toml_text::error(text, &e))?;
+        let file: File = mistakes::read(text)?;
         if file.format != "rig-script/1" {
             return Err(Error::unsupported(format!("script format {:?}", file.format))
                 .help("this program reads format = \"rig-script/1\""));

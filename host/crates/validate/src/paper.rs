@@ -9,7 +9,7 @@
 
 use camrig_base::Cfa;
 use camrig_base::{Error, ErrorCode, Plane, RawFrame, Result};
-use camrig_camera::{AnyEffect, Camera, read_effect};
+use camrig_camera::{AnyEffect, Camera, read_effects};
 use camrig_captures::{CaptureSet, Role};
 use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_measure::patches::{self, Corners, built_in_corners};
@@ -61,12 +61,9 @@ pub const CAPTURED: &str = include_str!("captured.toml");
 /// # Errors
 /// A model that already has too many effects.
 pub fn with_causes(model: &Camera) -> Result<Camera> {
-    let causes: toml::Table =
-        toml::from_str(CAPTURED).map_err(|e| Error::internal(format!("captured.toml: {e}")))?;
-    let tables = causes.get("effect").and_then(toml::Value::as_array);
     let mut camera = model.clone();
-    for table in tables.into_iter().flatten().filter_map(toml::Value::as_table) {
-        match read_effect(table)? {
+    for effect in read_effects(CAPTURED)? {
+        match effect {
             AnyEffect::Sensor(effect) => camera.effects.push(effect),
             AnyEffect::Optical(effect) => camera.optical_effects.push(effect),
         }

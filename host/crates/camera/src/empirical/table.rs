@@ -5,6 +5,7 @@ use crate::Folder;
 use camrig_base::{Error, Result, mistakes};
 use camrig_sensor_core::effects::MAX_TABLE;
 use camrig_sensor_core::effects::empirical::Shape;
+use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +38,7 @@ pub enum Table {
 
 /// A curve over lines or frames: straight between knots, two at one place are a step, alike beyond
 /// the ends.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
     /// Columns, rows or frames of the knots, counted from 0, not falling.
@@ -47,7 +48,7 @@ pub struct Curve {
 }
 
 /// Steps between parts of the sensor, which add up.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Seam {
     /// The steps.
@@ -55,7 +56,7 @@ pub struct Seam {
 }
 
 /// So much more from a column and a row on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Step {
     /// First column.
@@ -69,7 +70,7 @@ pub struct Step {
 }
 
 /// Plane waves that stand still, which add up.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wave {
     /// The waves.
@@ -77,7 +78,7 @@ pub struct Wave {
 }
 
 /// a sin(2π(f_x x + f_y y + φ)).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sine {
     /// Cycles per column, −½ to ½.
@@ -92,7 +93,7 @@ pub struct Sine {
 }
 
 /// A sum of curves over columns times curves over rows.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Map {
     /// The products, at most 4; all with as many knots.
@@ -100,7 +101,7 @@ pub struct Map {
 }
 
 /// A product: knots are equally apart from the first pixel to the last.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Term {
     /// Knots over columns.
@@ -110,7 +111,7 @@ pub struct Term {
 }
 
 /// A law over pixels by its quantile function.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Law {
     /// Standard normal deviates, not falling.
@@ -120,7 +121,7 @@ pub struct Law {
 }
 
 /// Noise that follows itself, along rows or down columns: by taps, or by a length.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Noise {
     /// Along which lines.
@@ -135,7 +136,7 @@ pub struct Noise {
 }
 
 /// Along which lines noise follows itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Along {
     /// From pixel to pixel of a row.
@@ -145,7 +146,7 @@ pub enum Along {
 }
 
 /// The response beside a straight one.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Response {
     /// Signals of the knots, e⁻, not falling; two at one signal are a step.
@@ -164,7 +165,7 @@ const MAX_KNOTS: usize = 64;
 /// Greatest standard normal deviate that a pixel may have.
 const GREATEST_DEVIATE: f64 = 7.0;
 
-fn parsed<T: DeserializeOwned>(text: &str) -> Result<T> {
+fn parsed<T: DeserializeOwned + JsonSchema>(text: &str) -> Result<T> {
     mistakes::read(text)
 }
 

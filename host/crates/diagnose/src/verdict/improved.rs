@@ -121,7 +121,7 @@ fn camera_file(
         };
         count += 1;
         let name = format!("empirical-{count}.toml");
-        effects.push(own.to_toml(&name).into());
+        effects.push(toml::from_str::<toml::Table>(&own.to_toml(&name)).map_err(wrong)?.into());
         if own.table.has_file() {
             tables.push((name, own.table.text()?));
         }

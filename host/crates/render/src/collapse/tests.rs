@@ -35,10 +35,10 @@ fn picture(file: &Path) {
     encoder.write_header().unwrap().write_image_data(&data).unwrap();
 }
 
-fn camera(changes: &[(&str, toml::Value)]) -> Camera {
+fn camera(changes: &[(&str, camrig_camera::Value)]) -> Camera {
     let small = [("sensor.width", 64.into()), ("sensor.height", 48.into())];
-    let all = small.iter().chain(changes).map(|(k, v)| (k.to_string(), v.clone()));
-    Camera::load_with("mt9t012", &all.collect::<Vec<_>>()).unwrap()
+    let all = small.iter().chain(changes).cloned();
+    Camera::load_with("mt9t012", all).unwrap()
 }
 
 /// The same sensor behind a lens with distortion, lateral colour and PSFs over the field.
