@@ -5,9 +5,9 @@
 //!   fixed, from differences of neighbours of one colour, so that shading does not count.
 //! - `slanted-edge`: `mtf50_cycles_per_pixel` per channel (e-SFR) in the same region.
 //! - any scene, where `[figures]` names it: `dynamic_range_db` per channel (EMVA 1288), 20 log₁₀ of
-//!   the largest signal over the least that tells: (white − black)/K e⁻ over σ/K + ½ e⁻ with the
-//!   temporal noise σ of two dark frames of the picture's exposure, gain and temperature, and the
-//!   system gain K, DN/e⁻.
+//!   the largest signal over the smallest detectable one: (white − black)/K e⁻ over σ/K + ½ e⁻ with
+//!   the temporal noise σ of two dark frames of the picture's exposure, gain and temperature, and
+//!   the system gain K, DN/e⁻.
 //! - `colorchecker`: `delta_e_2000`, mean and largest over the patches, of the simple development
 //!   by [`preview`].
 
@@ -30,7 +30,7 @@ const NAMES: [&str; 6] = [
 /// Those of them that have a better and a worse.
 pub(crate) const RANKED: [&str; 4] =
     ["snr_db", "dynamic_range_db", "mtf50_cycles_per_pixel", "delta_e_2000"];
-/// Width of the built-in ColorChecker's card unless its options say otherwise, sensor widths.
+/// Width of the built-in ColorChecker's card unless its options set another, sensor widths.
 const CARD: f64 = 0.8;
 
 /// Which figures are wanted: all that a scene allows, unless a sweep file's `[figures]` names

@@ -1,10 +1,11 @@
-//! Many pictures: a sweep file, that is a grid of cameras, scenes, lights (lx), exposures (s),
-//! gains and seeds, rendered to a data set with a manifest.
+//! Data sets of many pictures. A [`Sweep`] is a grid of cameras, scenes, lights (lx), exposures (s),
+//! gains and seeds; [`run`] renders a [`Shard`] of it into a [`Dataset`], a folder with a manifest.
 //!
 //! A picture depends on the sweep file, its place in the grid and the kind of device alone: not on
 //! the shard it was made in, the threads, or what was there already. See [`sweep`] for the file
 //! and [`dataset`] for what is on disk.
 //!
+//! # Example
 //! ```
 //! use camrig_batch::{Shard, Sweep};
 //!
@@ -19,8 +20,6 @@
 //! assert_eq!(Shard::parse("2/3")?.pictures(6), 2..4);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
-//!
-//! [`run`] then makes the pictures of a [`Shard`] into a [`Dataset`].
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod dataset;
@@ -86,7 +85,7 @@ impl std::fmt::Display for Shard {
 
 /// Makes the pictures of a part that are not there yet, the optics on `device`. Results of the
 /// optics stage are kept in the folder `cache`, where one is given; `progress` is called once for
-/// each picture of the part, `tell` with each thing that a user should know, once.
+/// each picture of the part, `tell` with each note for the user, once.
 ///
 /// # Errors
 /// What rendering or the disk refuses; pictures made so far stay.

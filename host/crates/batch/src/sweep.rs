@@ -7,7 +7,7 @@
 //!
 //! [grid]                      # each key takes a value or a list; numbers also
 //!                             # { from, to, count, spacing = "log" }
-//! camera = "mt9t012"          # files are looked for beside the sweep file
+//! camera = "mt9t012"          # paths are relative to the sweep file
 //! scene = ["colorchecker", "slanted-edge:angle=5"]
 //! illuminant = ["D65", "A"]
 //! lux = [10, 100, 1000]
@@ -93,7 +93,7 @@ struct File {
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct GridFile {
-    /// Presets or camera files, which are looked for beside the sweep file.
+    /// Presets or camera files, whose paths are relative to the sweep file.
     camera: Alternatives<String>,
     /// Any keys of the camera file, with their table: `"sensor.noise.read_e" = [2.0, 4.0]`.
     #[serde(default)]
@@ -234,11 +234,11 @@ pub struct Picture<'a> {
     pub index: u64,
     /// Which of [`Sweep::variants`].
     pub variant: usize,
-    /// What is looked at.
+    /// The scene.
     pub scene: &'a Named,
     /// The light on it.
     pub illuminant: &'a Named,
-    /// Scene illuminance, lx; `None` where the sweep does not say.
+    /// Scene illuminance, lx; `None` where the sweep has none.
     pub lux: Option<f64>,
     /// Integration time, s.
     pub exposure_s: f64,
@@ -499,7 +499,7 @@ fn is_chart(scene: &str) -> bool {
     chart::NAMES.contains(&scene.split(':').next().unwrap_or(scene))
 }
 
-/// The file or directory of a scene, if it is one, with the sidecars that lie beside it.
+/// The file or directory of a scene, if it is one, with its sidecars.
 fn existing(scene: &str) -> Vec<PathBuf> {
     let path = match scene.rsplit_once(':') {
         Some((path, _)) if !Path::new(scene).exists() => Path::new(path),
@@ -555,7 +555,7 @@ mod tests {
         assert!(all[3].same_view(&all[0]) && !all[4].same_view(&all[3]));
     }
 
-    /// A list of three numbers is three values, and no range of as many as the third says.
+    /// A list of three numbers is three values, and not a range with the third as its count.
     #[test]
     fn lists_of_camera_keys_are_their_values() {
         for (list, last) in [("[3.5, 4, 6]", 6), ("[3, 4, 5]", 5)] {

@@ -41,7 +41,7 @@ fn level(series: &Series, cfa: &Cfa, channel: usize, stated: f64) -> Option<f64>
     for pair in series.exposures.windows(2) {
         let (short, long) = (&pair[0], &pair[1]);
         let most = libm::pow(long.seconds / short.seconds, GROWTH);
-        // Exposures too close together do not tell.
+        // Exposures too close together are not conclusive.
         if most < 1.0 + PILE {
             continue;
         }

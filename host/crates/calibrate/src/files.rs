@@ -1,4 +1,4 @@
-//! The small TOML files that calibration leaves beside its frames: `response.toml`, `hdr.toml`.
+//! The small TOML files that calibration writes next to its frames: `response.toml`, `hdr.toml`.
 
 use crate::exposures::Series;
 use crate::hdr::{Flag, Merged};
@@ -70,7 +70,7 @@ pub struct HdrFile {
 }
 
 impl HdrFile {
-    /// What there is to say about a merged series.
+    /// Notes on a merged series.
     #[must_use]
     pub fn of(
         merged: &Merged,

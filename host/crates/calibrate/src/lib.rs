@@ -16,7 +16,7 @@
 //! use camrig_light::Illuminant;
 //! use camrig_scene::chart::colorchecker;
 //!
-//! // What three channels tell about the first patch of a ColorChecker, dark skin.
+//! // What three channels reveal about the first patch of a ColorChecker, dark skin.
 //! let bands = Bands::VISIBLE;
 //! let table = colorchecker::reflectances();
 //! let patches: Vec<Vec<f64>> =

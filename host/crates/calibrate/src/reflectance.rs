@@ -31,7 +31,7 @@ pub struct LinearFrame {
 }
 
 impl LinearFrame {
-    /// Reads the directory of a merged frame ([`crate::hdr`]), or a raw frame whose file says its
+    /// Reads the directory of a merged frame ([`crate::hdr`]), or a raw frame whose file states its
     /// black level and pattern.
     ///
     /// # Errors
@@ -77,7 +77,7 @@ pub struct Settings<'a> {
     pub lights: Vec<Illuminant>,
     /// Principal components; those of least error by cross-validation unless given.
     pub components: Option<usize>,
-    /// Training reflectances beside those of the ColorChecker, in [`Bands::VISIBLE`], see
+    /// Training reflectances in addition to those of the ColorChecker, in [`Bands::VISIBLE`], see
     /// [`read_training`].
     pub training: &'a [Vec<f64>],
     /// Relative noise that the estimate allows for, 1 = 100 %.
@@ -174,7 +174,7 @@ impl Reflectance {
         })
     }
 
-    /// Writes the estimate as a stored scene of reflectances called `name`; `source` says where it
+    /// Writes the estimate as a stored scene of reflectances called `name`; `source` states where it
     /// comes from.
     ///
     /// # Errors
@@ -222,8 +222,10 @@ impl Scale {
                 let white = mean.into_iter().map(|v| v / WHITE).collect();
                 Ok(Self { light: light.clone(), white, chart_residual: None, patches: None })
             }
-            (Reference::White(_), _) => Err(Error::input("a white alone does not tell the light")
-                .help("name the light, or use a chart")),
+            (Reference::White(_), _) => {
+                Err(Error::input("a white alone does not determine the light")
+                    .help("name the light, or use a chart"))
+            }
         }
     }
 }

@@ -38,7 +38,7 @@ const UNEVENNESS: f64 = 0.1;
 const REPEATABILITY: f64 = 0.005;
 /// Blocks across a frame.
 const BLOCKS: usize = 32;
-/// Least signal that tells of an exposure's time, of full scale.
+/// Smallest signal from which an exposure's time is estimated, of full scale.
 const BRIGHT: f64 = 0.1;
 /// A mean residual of one exposure above this contradicts its time.
 const CONTRADICTION: f64 = 0.05;
@@ -169,7 +169,7 @@ fn fit_channel(
                 }
             }
         }
-        // A block seen once tells nothing of the curve.
+        // A block seen once does not constrain the curve.
         blocks.extend(of_series.into_iter().filter(|block| block.len() > 1));
     }
     let all = || blocks.iter().flatten();

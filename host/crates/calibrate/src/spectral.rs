@@ -22,7 +22,7 @@ use camrig_linear::{Matrix, Singular, Vector, apply, inverse, product, symmetric
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 
-/// Relative noise of a channel that the estimate is regularised with, unless told otherwise.
+/// Relative noise of a channel that the estimate is regularised with by default.
 pub const NOISE: f64 = 0.01;
 
 /// What a camera's channels see of a reflectance: C of the module's text.
@@ -96,7 +96,7 @@ impl Estimator {
         Ok(Self { matrix, offset })
     }
 
-    /// The reflectance that signals stand for.
+    /// The reflectance estimated from signals.
     pub fn estimate(&self, signals: &[f64]) -> Vec<f64> {
         let estimate = &self.offset + apply(&self.matrix, &Vector::from_column_slice(signals));
         estimate.iter().map(|v| v.clamp(0.0, 1.0)).collect()
@@ -142,7 +142,8 @@ fn weigh(offset: f32, channels: &[(f32, &[f32])], out: &mut [f32]) {
 }
 
 fn no_inverse() -> Error {
-    Error::input("the channels cannot be told apart").help("check the camera's quantum efficiency")
+    Error::input("the channels cannot be distinguished")
+        .help("check the camera's quantum efficiency")
 }
 
 /// Mean (zero unless `centred`), components as columns, and the variance of each.

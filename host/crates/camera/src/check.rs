@@ -15,13 +15,13 @@ use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes};
 
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
-const WIDEST_GAP_NM: f64 = 25.0;
+const MAX_GAP_NM: f64 = 25.0;
 /// Widest gap of a quantum efficiency, nm, of which a data sheet may give no more than a few
-/// points; what is wider than [`WIDEST_GAP_NM`] is told. Colour filters are about so wide: a line
+/// points; what is wider than [`MAX_GAP_NM`] is noted. Colour filters are about so wide: a line
 /// over more could pass one by.
-const WIDEST_GAP_OF_QE_NM: f64 = 100.0;
+const MAX_QE_GAP_NM: f64 = 100.0;
 /// Gap over the table's median step from which on lines are missing, where the gap is wider than
-/// [`WIDEST_GAP_NM`]: points of a data sheet are more even than that.
+/// [`MAX_GAP_NM`]: points of a data sheet are more even than that.
 const HOLE: f64 = 3.0;
 /// The visible range that every curve must cover, nm: the bands of built-in scenes.
 const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
@@ -228,7 +228,7 @@ fn sensor_timing(file: &TimingFile, rows: u32) -> SensorTiming {
 }
 
 fn noise(file: &NoiseFile, text: &str) -> Result<Noise> {
-    // A read noise out of range, which is a mistake of its own, says nothing about its part.
+    // A read noise out of range, which is a mistake of its own, is no limit for its part.
     if file.read_e >= 0.0 && file.read_e_post > file.read_e {
         return Err(Error::input(format!("read_e_post = {}", file.read_e_post))
             .at(place(text, "sensor.noise", "read_e_post"))
@@ -247,9 +247,9 @@ fn noise(file: &NoiseFile, text: &str) -> Result<Noise> {
 }
 
 /// A curve of fractions over wavelength: a table of one column, and what it is outside the table
-/// unless that says otherwise.
+/// unless that states otherwise.
 fn fraction_curve(name: &str, outside: Outside, folder: &Folder<'_>) -> Result<Spectrum> {
-    let table = spectral_table(name, Wanted::Transmittance, WIDEST_GAP_NM, folder)?;
+    let table = spectral_table(name, Wanted::Transmittance, MAX_GAP_NM, folder)?;
     if table.curves.len() != 1 {
         return Err(Error::input(format!("{} columns", table.curves.len() + 1))
             .at(name)
@@ -271,7 +271,7 @@ fn spectral_table(
     table.convert_to_fractions(wanted).map_err(|e| e.at(name))?;
     let mut steps: Vec<f64> = table.wavelength_nm.windows(2).map(|w| w[1] - w[0]).collect();
     steps.sort_by(f64::total_cmp);
-    let hole = (HOLE * steps.get(steps.len() / 2).unwrap_or(&0.0)).max(WIDEST_GAP_NM);
+    let hole = (HOLE * steps.get(steps.len() / 2).unwrap_or(&0.0)).max(MAX_GAP_NM);
     let allowed = widest_nm.min(hole);
     if let Some(gap) = table.wavelength_nm.windows(2).find(|w| w[1] - w[0] > allowed) {
         return Err(Error::input(format!("no values between {} and {} nm", gap[0], gap[1]))
@@ -279,7 +279,7 @@ fn spectral_table(
             .help(format!("give a value at least every {allowed} nm")));
     }
     let widest = steps.last().copied().unwrap_or_default();
-    if widest > WIDEST_GAP_NM {
+    if widest > MAX_GAP_NM {
         table.remark(format!("straight lines join its points, up to {widest} nm apart"));
     }
     table.must_cover(VISIBLE_NM).map_err(|e| e.at(name))?;
@@ -301,7 +301,7 @@ fn scaled_to(peak: f64, table: &mut SpectralTable) -> Result<()> {
 }
 
 /// Channel names and curves, scaled to a peak where one is given; zero outside the table unless
-/// that says otherwise. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one column
+/// that states otherwise. The table's columns are r,g,b or r,gr,gb,b for Bayer patterns, one column
 /// for mono, else one column per letter of the pattern; none twice.
 fn quantum_efficiency(
     name: &str,
@@ -310,7 +310,7 @@ fn quantum_efficiency(
     folder: &Folder<'_>,
 ) -> Result<(Vec<String>, Vec<Spectrum>)> {
     let wanted = if peak.is_some() { Wanted::EfficiencyShape } else { Wanted::Efficiency };
-    let mut table = spectral_table(name, wanted, WIDEST_GAP_OF_QE_NM, folder)?;
+    let mut table = spectral_table(name, wanted, MAX_QE_GAP_NM, folder)?;
     if let Some(peak) = peak {
         scaled_to(peak, &mut table).map_err(|e| e.at(name))?;
     }

@@ -2,7 +2,7 @@
 //!
 //! A value is given by whoever makes the file, else it follows from a built-in camera
 //! ([`crate::facts`] and the files of [`crate::presets`]), else from a rule of thumb
-//! ([`crate::typical`]). [`Draft::text`] is the file, with all of that beside the values.
+//! ([`crate::typical`]). [`Draft::text`] is the file, with the basis of each value in a comment.
 
 use super::facts::{Fact, Sensor};
 use super::keys::{self, Key};
@@ -29,7 +29,7 @@ pub enum Grade {
 }
 
 impl Grade {
-    /// The word beside a value.
+    /// The word in the comment after a value.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -55,6 +55,7 @@ impl Grade {
 
 /// What is behind a value.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Basis {
     /// What sort of knowledge it is.
     pub grade: Grade,
@@ -92,6 +93,7 @@ impl Basis {
 
 /// A key of a camera file with its value.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Entry {
     /// The key.
     pub key: &'static Key,
@@ -103,6 +105,7 @@ pub struct Entry {
 
 /// A camera file that is not written yet.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Draft {
     /// What the camera is, a sentence or more.
     pub about: String,
@@ -125,11 +128,11 @@ pub struct Request {
     pub efficiency: Vec<String>,
 }
 
-/// Keys that no rule of thumb can stand in for.
+/// Keys without a rule of thumb, which must be given.
 const MUST: [&str; 5] =
     ["sensor.width", "sensor.height", "sensor.pitch_um", "sensor.cfa", "sensor.bits"];
 
-/// Curves of quantum efficiency by sensor, with their grade. A table says its source in its head.
+/// Curves of quantum efficiency by sensor, with their grade. The head of a table names its source.
 const CURVES: [(&str, &str, Grade); 9] = [
     ("ov5647", "ov5647-qe.csv", Grade::Quoted),
     ("imx219", "imx219-relative-qe.csv", Grade::Quoted),
@@ -161,7 +164,7 @@ const SOURCED: [(&str, &[&str], Grade, &str); 5] = [
 ];
 
 impl Draft {
-    /// The draft that stands for a built-in camera.
+    /// The draft of a built-in camera.
     ///
     /// # Errors
     /// No built-in camera has this name.

@@ -18,6 +18,7 @@ pub enum AnyEffect {
 
 /// An entry of the complete catalogue, optics and sensor.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct EffectKind {
     /// Name in camera files.
     pub kind: &'static str,
@@ -48,7 +49,7 @@ impl EffectKind {
             parameters: e.parameters,
             words: &[],
         });
-        // A camera file says the one with a table in its own words.
+        // The one with a table has keys of its own in a camera file.
         let in_words = |e: Self| match e.kind {
             empirical::KIND => Self {
                 acts: "as its domain",

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::str::FromStr;
 
 /// Least part of its peak that a shape must have at a point: in the tail of a filter the ratio of
-/// the two says nothing of its middle.
+/// the two carries no information about its middle.
 const LEAST: f64 = 0.1;
 
 /// A point of a quantum efficiency: `529:0.64`, or `g:529:0.57` of a channel.

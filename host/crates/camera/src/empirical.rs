@@ -1,5 +1,5 @@
 //! `[[effect]] kind = "empirical"`: a shape that no other effect has, with its table in a file of
-//! its own beside the camera file.
+//! its own next to the camera file.
 
 mod table;
 mod words;
@@ -18,7 +18,7 @@ use std::cell::RefCell;
 /// Name of the kind in camera files.
 pub const KIND: &str = "empirical";
 /// Longest file of a table, bytes: a thousand numbers with their remarks.
-const LONGEST_FILE: u64 = 256 * 1024;
+const MAX_FILE_BYTES: u64 = 256 * 1024;
 
 const fn parameter(
     key: &'static str,
@@ -30,8 +30,8 @@ const fn parameter(
     Parameter { key, unit, doc, min, max, default: Some(default) }
 }
 
-/// Largest amount, in its unit.
-const LARGEST: (f32, f32) = (-1e6, 1e6);
+/// Limits of an amount, in its unit.
+const AMOUNT_LIMITS: (f32, f32) = (-1e6, 1e6);
 const ON_SIGNAL: Parameter = parameter(
     "on_signal",
     "1",
@@ -70,16 +70,22 @@ const EVIDENCE: Parameter = parameter(
 
 /// What tables are multiplied by: each domain has one of them.
 const AMOUNTS: &[Parameter] = &[
-    parameter("amount_e", "e-", "What the table is multiplied by: offset, temporal", LARGEST, 1.0),
-    parameter("amount", "1", "The same of a gain or a response", LARGEST, 1.0),
-    parameter("amount_e_per_s", "e-/s", "The same of a dark current", LARGEST, 1.0),
+    parameter(
+        "amount_e",
+        "e-",
+        "What the table is multiplied by: offset, temporal",
+        AMOUNT_LIMITS,
+        1.0,
+    ),
+    parameter("amount", "1", "The same of a gain or a response", AMOUNT_LIMITS, 1.0),
+    parameter("amount_e_per_s", "e-/s", "The same of a dark current", AMOUNT_LIMITS, 1.0),
 ];
 
 /// The numbers that a camera file may give.
 pub(crate) const PARAMETERS: &[Parameter] =
     &[AMOUNTS[0], AMOUNTS[1], AMOUNTS[2], ON_SIGNAL, SIGNAL_E, DOUBLING_C, REFERENCE_C, EVIDENCE];
 
-/// An empirical effect, as a camera file and its table say it.
+/// An empirical effect: its `[[effect]]` table and the numbers of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Empirical {
     /// What of the sensor it changes.
@@ -199,7 +205,7 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    fn tell(&self, what: String, help: String) {
+    fn report(&self, what: String, help: String) {
         self.wrong.borrow_mut().push(Error::input(what).help(help));
     }
 
@@ -216,7 +222,7 @@ impl File<'_> {
         let known: Vec<&str> = known.chain(PARAMETERS.iter().map(|p| p.key)).collect();
         for key in self.table.keys().filter(|k| !known.contains(&k.as_str())) {
             let help = toml_text::did_you_mean(key, &known);
-            self.tell(format!("unknown key {key:?} of {KIND:?}"), help);
+            self.report(format!("unknown key {key:?} of {KIND:?}"), help);
         }
     }
 
@@ -229,20 +235,20 @@ impl File<'_> {
                 amount = self.number(p);
             } else if self.table.contains_key(p.key) {
                 let help = format!("the amount of this domain is {own}");
-                self.tell(format!("key {:?} means nothing here", p.key), help);
+                self.report(format!("key {:?} means nothing here", p.key), help);
             }
         }
         amount
     }
 
-    /// Whether the domain has the shape, and the shape what the keys say.
+    /// Checks that the domain has the shape, and the shape the keys that are given.
     fn check_shape(&self, quantity: Quantity, shape: Shape) {
         let of = words::of_shape(shape);
         if !shape.suits(quantity) {
             let suit = Shape::ALL.into_iter().filter(|s| s.suits(quantity)).map(words::of_shape);
             let suit: Vec<&str> = suit.collect();
             let what = format!("domain {:?} has no {of:?}", words::of_quantity(quantity));
-            self.tell(what, format!("its shapes: {}", suit.join(", ")));
+            self.report(what, format!("its shapes: {}", suit.join(", ")));
         }
         let lines = quantity == Quantity::Temporal && words::is_of_lines(shape);
         let dark = quantity == Quantity::Dark;
@@ -253,7 +259,7 @@ impl File<'_> {
             (REFERENCE_C.key, dark, "only dark current grows with the temperature"),
         ];
         for (key, _, why) in foreign.iter().filter(|f| !f.1 && self.table.contains_key(f.0)) {
-            self.tell(format!("key {key:?} means nothing here"), (*why).to_string());
+            self.report(format!("key {key:?} means nothing here"), (*why).to_string());
         }
     }
 }
@@ -264,7 +270,7 @@ impl Camera {
         self.empirical.iter().flat_map(|e| e.words(self.first_frame)).collect()
     }
 
-    /// Gives the camera an empirical effect's table, and gives its stage for [`Camera::effects`].
+    /// Adds an empirical effect's table to the camera, and returns its stage for [`Camera::effects`].
     ///
     /// # Errors
     /// Tables that are together longer than a sensor holds.

@@ -37,7 +37,7 @@ impl Fact {
         self.value.parse().ok()
     }
 
-    /// The bits of the converter that the value belongs to, where its mode says so (`12 bit`).
+    /// The bits of the converter that the value belongs to, where its mode names them (`12 bit`).
     #[must_use]
     pub fn bits(&self) -> Option<u32> {
         let before = self.mode.split_once(" bit").or(self.mode.split_once("-bit"))?.0;
@@ -50,7 +50,7 @@ impl Fact {
         self.condition.split_once(" C")?.0.parse().ok()
     }
 
-    /// The analog gain of the value, where its mode says one (`analogue gain 16`, `24 dB`).
+    /// The analog gain of the value, where its mode names one (`analogue gain 16`, `24 dB`).
     #[must_use]
     pub fn gain(&self) -> Option<f64> {
         let first = self.mode.split(',').next()?;
@@ -123,7 +123,7 @@ mod tests {
             assert!(["direct", "second-hand", "none"].contains(&&*fact.via), "{fact:?}");
             assert!(fact.via != "none" || fact.grade == "typical", "no source: {fact:?}");
             assert!(!fact.source.is_empty(), "{fact:?}");
-            // A dark current without its temperature says nothing.
+            // A dark current without its temperature is no fact.
             let cold = fact.parameter != "dark_current" || fact.temperature_c().is_some();
             assert!(cold, "{fact:?}");
         }

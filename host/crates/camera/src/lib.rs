@@ -1,8 +1,9 @@
-//! Camera files: one physical camera as checked values with units.
+//! [`Camera`]: lens, sensor and effects of one physical camera, as checked values with units.
 //!
-//! A camera file (TOML) describes lens, sensor and effects of one camera. [`Camera::load`] reads a
-//! file or a built-in preset ([`presets`]), checks every value against its range ([`keys`]) and
-//! names the line of what is wrong. [`Camera::sensor_config`] and [`Camera::settings`] convert the
+//! A camera file (TOML) describes it. [`Camera::load`] reads a file or a built-in preset
+//! ([`presets`]), checks every value against its range ([`keys`]) and names the line of each
+//! mistake; [`Camera::load_with`] changes keys of it before, [`Camera::with_size`] the number of
+//! pixels after. [`Camera::sensor_config`] and [`Camera::settings`] convert the
 //! result to what `camrig-sensor-core` takes; [`schema::schema`] describes the file for editors.
 //!
 //! # Example
@@ -66,6 +67,7 @@ use std::path::{Path, PathBuf};
 
 /// One physical camera.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Camera {
     /// Name in raw files and reports.
     pub name: String,
@@ -88,6 +90,7 @@ pub struct Camera {
 
 /// The lens of a camera file.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct LensModel {
     /// How the lens is described.
     pub kind: LensKind,
@@ -256,6 +259,12 @@ impl Camera {
         let stem = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
         let folder = Folder::Directory(directory);
         changes::parse(&text, &changes, &stem, &folder).map_err(|e| e.at(spec))
+    }
+
+    /// The camera whose sensor starts with the frame of this number.
+    #[must_use]
+    pub fn starting_at(self, first_frame: u32) -> Self {
+        Self { first_frame, ..self }
     }
 
     /// The camera with another number of pixels, of the same size: 320 columns and 240 rows, for

@@ -28,6 +28,13 @@ fn describe(schema: &mut Value) {
                 let doc = format!("{doc} {words}: {text}.");
                 all.insert("description".into(), doc.into());
             }
+            if let (Some(Value::Bool(true)), Some(Value::String(kind))) =
+                (all.get("needed"), all.get("of_kind"))
+            {
+                let doc = all.get("description").and_then(Value::as_str).unwrap_or_default();
+                let doc = format!("{doc} Needed where kind = \"{kind}\".");
+                all.insert("description".into(), doc.into());
+            }
             let is_annotation = |key: &str, value: &Value| match key {
                 "unit" | "usual" | "without" | "of_kind" => value.is_string(),
                 "needed" => value.is_boolean(),

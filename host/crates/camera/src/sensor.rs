@@ -55,6 +55,7 @@ pub struct SensorModel {
 
 /// `[sensor.noise]` of a camera file, checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Noise {
     /// Read noise at unity gain, input-referred, standard deviation, e⁻.
     pub read_e: f64,

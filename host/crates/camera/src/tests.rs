@@ -1,4 +1,4 @@
-//! What a wrong camera file is told.
+//! Messages about wrong camera files.
 
 use super::{Camera, Folder, LensKind, RelativeIllumination};
 use camrig_base::Bands;

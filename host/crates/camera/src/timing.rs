@@ -28,6 +28,7 @@ pub enum Shutter {
 
 /// `[sensor.timing]` of a camera file, checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct SensorTiming {
     /// Time from one row to the next, µs.
     pub line_time_us: f64,
@@ -114,7 +115,7 @@ pub struct FrameClock {
 }
 
 impl FrameClock {
-    /// Frames of `rows` rows, as fast as `timing` says or one in `period_s` seconds.
+    /// Frames of `rows` rows, as fast as `timing` allows or one in `period_s` seconds.
     ///
     /// # Errors
     /// Fewer lines than rows, or a period that is too short for them.

@@ -1,7 +1,7 @@
 //! Rules of thumb for what is not known of a camera, each with its reason.
 //!
-//! They stand in for values that a data sheet does not give. A file that is made with them says
-//! `typical` beside each.
+//! They replace values that a data sheet does not give. A file that is made with them marks each
+//! as `typical`.
 
 use super::Value;
 

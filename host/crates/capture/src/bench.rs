@@ -1,7 +1,7 @@
 //! The virtual crosstalk bench: the experiment of Chen et al. 2009, section IV-C, simulated.
 //!
 //! No lens; parallel light through a narrow-band filter, as strong on the sensor at every tilt
-//! (the beam is turned up by 1/cos θ); the sensor is turned so that the point looked at sees the
+//! (the beam is turned up by 1/cos θ); the sensor is turned so that the measured point sees the
 //! light from where its chief ray would come. What a pixel makes of light from there is the
 //! camera's hidden crosstalk table, which the fit (`camrig_measure::crosstalk`) is to find. Read
 //! out are windows around the points, so one frame of the whole sensor serves all points of a
@@ -41,7 +41,7 @@ const FILL: f64 = 0.5;
 /// normal to moderately wide lens.
 const DEFAULT_CORNER_DEG: f64 = 30.0;
 
-/// A point looked at.
+/// A measured point.
 struct Point {
     rotation: Rotation,
     id: String,

@@ -1,18 +1,18 @@
-//! Taking sets of captures with a simulated camera or a rig.
+//! Taking sets of captures with a simulated camera or a rig: a plan is a list of [`plan::Shot`]s.
 //!
-//! [`plan`] says which stacks to take: exposures in s, gains, temperatures in °C, narrow-band
+//! [`plan`] defines which stacks to take: exposures in s, gains, temperatures in °C, narrow-band
 //! light in nm and W m⁻² or as a fraction of saturation, scenes with an illuminant and lx.
-//! [`take`] takes them and writes a capture set (`captures.toml` beside raw frames in DN, see
-//! [`camrig_captures`]). [`mod@bench`] stands for the bench of the crosstalk experiment of Chen et
+//! [`take`] takes them and writes a capture set (`captures.toml` and raw frames in DN, see
+//! [`camrig_captures`]). [`mod@bench`] simulates the bench of the crosstalk experiment of Chen et
 //! al. 2009: parallel light through filters on a sensor that is turned.
 //!
+//! # Example
 //! ```
 //! use camrig_camera::Camera;
 //! use camrig_capture::{plan, take};
 //! use camrig_captures::CaptureSet;
 //!
-//! let mut camera = Camera::load("mt9v024")?;
-//! (camera.sensor.width, camera.sensor.height) = (32, 24);
+//! let camera = Camera::load("mt9v024")?.with_size(32, 24)?;
 //! let shots = plan::parse(
 //!     r#"
 //!     format = "plan/1"

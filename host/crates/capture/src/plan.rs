@@ -44,7 +44,7 @@ pub struct Shot {
     pub width_nm: f64,
     /// Mean signal as a fraction of saturation, instead of an irradiance.
     pub fill: Option<f64>,
-    /// What is looked at.
+    /// The scene.
     pub scene: Option<CapturedScene>,
     /// Whether saturation is meant.
     pub saturates: bool,
@@ -110,7 +110,7 @@ pub fn schema() -> Schema {
     schema_for!(File)
 }
 
-/// Bandwidth of narrow-band light unless a plan says otherwise, nm: that of the filters of Chen et
+/// Bandwidth of narrow-band light unless a plan sets another, nm: that of the filters of Chen et
 /// al. 2009, section IV-C.
 const WIDTH_NM: f64 = 10.0;
 

@@ -20,11 +20,11 @@ use camrig_sensor_core::config::FrameSettings;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Mean signal of a flat as a fraction of saturation where the plan does not say: the point at
+/// Mean signal of a flat as a fraction of saturation where the plan gives none: the point at
 /// which EMVA 1288 measures non-uniformity.
 const DEFAULT_FILL: f64 = 0.5;
 
-/// Share of saturated samples beyond which a stack that is not said to saturate is refused. A
+/// Share of saturated samples beyond which a stack that is not meant to saturate is refused. A
 /// trade: clipping bends means and variances from the first clipped sample on, but hot pixels
 /// saturate in any light, and a stack must not be refused for them.
 const MAX_SATURATED: f64 = 1e-3;
@@ -58,7 +58,7 @@ pub struct TakeOptions<'a> {
 /// frame done.
 ///
 /// # Errors
-/// A plan that saturates where it does not say so, what rendering refuses, and a rig that does not
+/// A plan that saturates without `saturates = true`, what rendering refuses, and a rig that does not
 /// answer.
 pub fn take(
     camera: &Camera,
@@ -116,7 +116,7 @@ pub fn take(
             }
         };
         // Each stack begins with a start of the sensor.
-        let camera = &Camera { first_frame: frame_number, ..camera.clone() };
+        let camera = &camera.clone().starting_at(frame_number);
         let sensor = SimulatedSensor::new(camera, &cube.header)?;
         stage.set_camera(&sensor)?;
         let mut clock = clock(camera, options.lamps)?;
@@ -148,7 +148,7 @@ pub fn take(
                 100.0 * saturated as f64 / samples as f64
             ))
             .at(place(shot))
-            .help("lower the light or the exposure, or say saturates = true if that is meant"));
+            .help("lower the light or the exposure, or set saturates = true if that is meant"));
         }
         let settings = settings(camera, shot, 0);
         let files = vec![format!("{}/*.npy", shot.id).into()];
@@ -278,7 +278,7 @@ fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> 
     Ok((uniform(camera, centre, width, irradiance)?, light))
 }
 
-/// Scene and light of a shot of a target, which is what tells their irradiance apart.
+/// Scene and light of a shot of a target, which determine its irradiance.
 fn target(shot: &Shot) -> (String, SceneLight<'_>) {
     let scene = shot.scene.as_ref().map(CapturedScene::spec).unwrap_or_default();
     let illuminant = shot.light.illuminant.as_deref();

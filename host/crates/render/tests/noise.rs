@@ -8,15 +8,13 @@ use camrig_render::{SceneLight, SimulatedSensor, scene_irradiance};
 /// mean signal, in frames 0 and 1, e⁻; and electrons per DN.
 fn residuals(kept: KeptNoise) -> ([Vec<f64>; 2], Vec<f64>, f64) {
     let keys = [
-        ("sensor.width", toml::Value::from(256)),
-        ("sensor.height", 192.into()),
-        ("effect.hot-pixels.fraction", 0.01.into()),
-        ("effect.hot-pixels.mean_e_per_s", 1e4.into()),
-        ("effect.column-offset-fpn.sigma_e", 20.0.into()),
-        ("effect.row-temporal-noise.sigma_e", 20.0.into()),
+        ("effect.hot-pixels.fraction", 0.01),
+        ("effect.hot-pixels.mean_e_per_s", 1e4),
+        ("effect.column-offset-fpn.sigma_e", 20.0),
+        ("effect.row-temporal-noise.sigma_e", 20.0),
     ];
-    let keys = keys.map(|(key, value)| (key.to_string(), value));
-    let mut camera = Camera::load_with("mt9v024", &keys).unwrap();
+    let camera = Camera::load_with("mt9v024", keys).unwrap();
+    let mut camera = camera.with_size(256, 192).unwrap();
     camera.keep_noise(kept);
     let (light, options) = (SceneLight::lux("D65", 300.0), Options::default());
     let cube = scene_irradiance(&camera, "uniform:0.3", &light, &options, |_, _| ());

@@ -129,7 +129,7 @@ pub fn merge(
     Ok(Merged { radiance, sigma, flags, noise, shifts, dynamic_range_db })
 }
 
-/// Pixels that no exposure tells of: at least as bright as `brightest`.
+/// Pixels that no exposure measures: at least as bright as `brightest`.
 fn mark_saturated(radiance: &mut [f32], sigma: &[f32], flags: &mut [u8], brightest: f32) {
     for ((value, sigma), flag) in radiance.iter_mut().zip(sigma).zip(flags) {
         if sigma.is_infinite() {
@@ -358,7 +358,7 @@ mod tests {
         assert!(merged.shifts.iter().all(|s| *s == [0, 0]), "{:?}", merged.shifts);
         let flagged = merged.flags.data.iter().filter(|&&f| f != Flag::Merged as u8).count();
         assert!(flagged == 0, "{flagged} flagged");
-        // Patch by patch: mean ratio within 2 %, and the spread is what sigma says.
+        // Patch by patch: mean ratio within 2 %, and the spread is what sigma predicts.
         let mut pull = 0.0;
         for row in 0..12 {
             for column in 0..12 {

@@ -282,7 +282,7 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// What one exposure sees of a channel where others say s: offset + slope · s.
+/// What one exposure sees of a channel where the others estimate s: offset + slope · s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Departure {
     offset_dn: f64,

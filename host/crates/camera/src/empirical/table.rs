@@ -1,6 +1,6 @@
 //! The table of an empirical effect: a TOML file, one form for each shape.
 
-use super::{LONGEST_FILE, words};
+use super::{MAX_FILE_BYTES, words};
 use crate::Folder;
 use camrig_base::{Error, Result, mistakes};
 use camrig_sensor_core::effects::MAX_TABLE;
@@ -69,7 +69,7 @@ pub struct Step {
     pub step: f64,
 }
 
-/// Plane waves that stand still, which add up.
+/// Stationary plane waves, which add up.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Wave {
@@ -145,7 +145,7 @@ pub enum Along {
     Columns,
 }
 
-/// The response beside a straight one.
+/// How the response deviates from a straight line.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Response {
@@ -163,7 +163,7 @@ const MAX_TAPS: usize = 4;
 const MAX_TERMS: usize = 4;
 const MAX_KNOTS: usize = 64;
 /// Greatest standard normal deviate that a pixel may have.
-const GREATEST_DEVIATE: f64 = 7.0;
+const MAX_DEVIATE: f64 = 7.0;
 
 fn parsed<T: DeserializeOwned + JsonSchema>(text: &str) -> Result<T> {
     mistakes::read(text)
@@ -206,7 +206,7 @@ impl Table {
             }
             (Some(name), false) => name,
         };
-        let text = folder.read_short(name, LONGEST_FILE)?;
+        let text = folder.read_short(name, MAX_FILE_BYTES)?;
         let table = match shape {
             Shape::RowProfile => parsed(&text).map(Self::RowProfile),
             Shape::ColumnProfile => parsed(&text).map(Self::ColumnProfile),
@@ -245,7 +245,7 @@ impl Table {
             Self::Map(map) => map.check(w),
             Self::Distribution(law) => {
                 knots(w, "deviates", &law.deviates, &[("values", &law.values)]);
-                let sound = law.deviates.iter().all(|z| z.abs() <= GREATEST_DEVIATE);
+                let sound = law.deviates.iter().all(|z| z.abs() <= MAX_DEVIATE);
                 require(w, sound, "a deviate beyond ±7", "no pixel of a sensor is so far out");
             }
             Self::Correlation(noise) => noise.check(w),

@@ -23,8 +23,7 @@ const SHORTEST_S: f32 = 1e-9;
 /// matter.
 fn sensor(camera: &Camera, stack: &Stack, seed: u64) -> Result<SensorConfig> {
     let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
-    let camera = Camera { first_frame: stack.first_number, ..camera.clone() };
-    let mut config = camera.sensor_config(&band)?;
+    let mut config = camera.clone().starting_at(stack.first_number).sensor_config(&band)?;
     config.seed = seed;
     Ok(config)
 }
