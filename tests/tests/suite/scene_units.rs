@@ -128,6 +128,8 @@ fn units_and_names_of_spectral_channels_are_heeded() {
     let s0 = [("S0.400,0nm", 2.0), ("S0.450,0nm", 4.0)];
     for (unit, value) in [
         ("W.m^-2.sr^-1.nm^-1", 2.0),
+        // As the library of the layout writes it.
+        ("W.m^-2.sr^-1", 2.0),
         ("mW.m^-2.sr^-1.nm^-1", 0.002),
         ("mW.cm^-2.sr^-1.um^-1", 0.02),
         ("uW/cm^2/SR/nm", 0.02),

@@ -189,6 +189,9 @@ fn about(
     Ok(Own { quantity, understood, notes, ..Own::default() })
 }
 
+/// What the library of the layout writes for radiance per nm (Fichet et al. 2021).
+const LAYOUT_UNIT: &str = "W.m^-2.sr^-1";
+
 /// The unit of radiance that a part states.
 fn emissive_unit(header: &Header) -> Option<String> {
     let all = [&header.own_attributes.other, &header.shared_attributes.other];
@@ -202,6 +205,10 @@ fn emissive_unit(header: &Header) -> Option<String> {
 /// What samples are multiplied by: radiance, as its unit demands.
 fn scale(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
     match (emissive_unit(header), sidecar.quantity.or(own.quantity)) {
+        (Some(unit), Some(Quantity::Radiance)) if unit == LAYOUT_UNIT => {
+            own.notes.push(format!("emissiveUnits {unit:?} is per nm in this layout"));
+            Ok(sidecar.scale.unwrap_or(1.0))
+        }
         (Some(unit), Some(Quantity::Radiance)) => {
             units::scale("emissiveUnits", &unit, sidecar, own)
         }
