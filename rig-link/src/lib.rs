@@ -95,6 +95,6 @@ mod effect_set;
 pub mod framing;
 pub mod host;
 pub mod message;
-pub mod packing;
+pub use camrig_packing as packing;
 pub mod registers;
 pub mod wire;

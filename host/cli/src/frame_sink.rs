@@ -2,8 +2,8 @@
 
 use super::arguments::{FrameArgs, open_report, write_report};
 use super::live::{self, LiveFrames};
+use crate::stop::Stoppable;
 use camrig_base::output::{LiveOutput, OutputDir, OutputFile, write_file};
-use camrig_base::stop::Stoppable;
 use camrig_base::{Error, RawFrame, Result};
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_formats::mcap::CameraInfo;

@@ -53,13 +53,15 @@ mod schema;
 mod screen;
 mod sequence_lights;
 mod shell;
+mod signals;
 mod simulate;
 mod stdout;
+mod stop;
 mod times;
 mod validate;
 mod view;
 
-use camrig_base::{Result, output, platform};
+use camrig_base::{Result, output};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -103,12 +105,12 @@ enum Command {
 pub fn main() -> ExitCode {
     let command = Cli::parse().command;
     let stopping = || eprintln!("stopping after the current frame; a second signal stops at once");
-    platform::before_signals_end(stopping, output::remove_unfinished);
+    signals::before_signals_end(stopping, output::remove_unfinished);
     let status = stdout::guard(|| run(command)).unwrap_or_else(|error| {
         eprintln!("error: {}", advice::advised(error));
         ExitCode::from(2)
     });
-    platform::end_if_asked();
+    signals::end_if_asked();
     status
 }
 

@@ -12,7 +12,7 @@ use super::readout::ReadoutArgs;
 use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
 use super::times::TimeArgs;
 use super::{live, simulate};
-use camrig_base::stop::Stoppable;
+use crate::stop::Stoppable;
 use camrig_base::{ErrorCode, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;

@@ -1,6 +1,6 @@
 //! Timing of a stream's frames, and whether a frame rate was kept.
 
-use camrig_base::stop::Stoppable;
+use crate::stop::Stoppable;
 use camrig_rig::Rig;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};

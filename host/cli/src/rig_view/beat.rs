@@ -1,7 +1,7 @@
 //! Frame timing of the console.
 
 use crate::rig_stream::pace;
-use camrig_base::stop::Stoppable;
+use crate::stop::Stoppable;
 use camrig_rig::Rig;
 use std::time::{Duration, Instant};
 

@@ -1,11 +1,10 @@
 //! Alternatives in a TOML file: a key that takes one value, a list, or a range of numbers.
 
 use crate::{Error, Result};
-use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// One value or a list.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize, schemars::JsonSchema)]
 #[serde(untagged)]
 pub enum Alternatives<T> {
     /// One value.
@@ -28,7 +27,7 @@ impl<T: Clone> Alternatives<T> {
 }
 
 /// A number, a list, or `{ from, to, count }`.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize, schemars::JsonSchema)]
 #[serde(untagged)]
 pub enum Numbers {
     /// One number.
@@ -40,7 +39,7 @@ pub enum Numbers {
 }
 
 /// `{ from = 0.001, to = 0.1, count = 5, spacing = "log" }`, both ends included.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Range {
     /// First value.
@@ -54,7 +53,7 @@ pub struct Range {
     spacing: Spacing,
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum Spacing {
     /// Equal differences.

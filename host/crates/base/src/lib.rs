@@ -6,7 +6,7 @@
 //! * [`Spectrum`], [`Bands`] and [`table`]: curves over wavelength (nm) and their CSV files;
 //!   [`unit`](mod@unit): the units of instruments and files;
 //! * [`output`]: files and directories that appear whole or not at all, and outputs that are read
-//!   while they are written; [`stop`]: work that a signal stops between two pieces;
+//!   while they are written;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
 //!   [`options`]: those behind a name, `KEY=VALUE,...`;
 //! * [`color`]: matrices between colour spaces; [`npy`]: NumPy arrays; [`median`]; [`natural_order`] of names; [`copies`]: the same frame again; and [`platform`] for what operating systems do
@@ -55,7 +55,6 @@ pub mod platform;
 mod schema_check;
 pub mod schema_words;
 mod spectrum;
-pub mod stop;
 pub mod table;
 mod table_column;
 mod table_form;

@@ -1,10 +1,11 @@
 //! A capture: one stack of frames, with the conditions under which it was taken.
 
-use schemars::JsonSchema;
 use std::path::PathBuf;
 
 /// The purpose of a capture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
     /// No light.
@@ -24,7 +25,9 @@ pub enum Role {
 }
 
 /// Whether a capture is used for fitting or for validation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Split {
     /// For fitting.
@@ -84,7 +87,9 @@ impl Capture {
 }
 
 /// The light of a capture. Fields are those of the manifest; none is derived.
-#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[derive(
+    Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
+)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
     /// Sensor-plane irradiance, W m⁻², at `wavelength_nm`.
@@ -109,7 +114,15 @@ pub struct Light {
 
 /// Evenness of the light over the sensor.
 #[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema,
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    serde::Deserialize,
+    serde::Serialize,
+    schemars::JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Uniformity {
@@ -121,7 +134,9 @@ pub enum Uniformity {
 }
 
 /// The scene of an edge, chart, dots or scene capture.
-#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[derive(
+    Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
+)]
 #[serde(deny_unknown_fields)]
 pub struct CapturedScene {
     /// The scene, as specified on the command line.
@@ -151,7 +166,9 @@ impl CapturedScene {
 /// `x` and `y` are -1..1 over the sensor's half width and half height; the light comes from the
 /// direction of the chief ray of that point: `tilt_x_deg` from the side of +x, `tilt_y_deg` from
 /// the side of +y, both direction angles (tan components of one direction).
-#[derive(Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize, JsonSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
+)]
 #[serde(deny_unknown_fields)]
 pub struct Rotation {
     /// Point read, -1..1 over the half width.
@@ -172,7 +189,15 @@ pub struct Rotation {
 
 /// A scan of the crosstalk experiment.
 #[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, JsonSchema,
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    serde::Deserialize,
+    serde::Serialize,
+    schemars::JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Scan {

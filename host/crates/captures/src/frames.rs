@@ -1,11 +1,11 @@
 //! Reads the frames of a capture in bounded memory.
 
 use super::{Capture, SensorFacts};
+use bytemuck::cast_slice_mut;
 use camrig_base::platform::read_at;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::npy::{Layout, Sample};
 use camrig_formats::{Facts, Format, read};
-use pulp::bytemuck::cast_slice_mut;
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::fs::File;

@@ -9,7 +9,7 @@
 
 use super::{Facts, Frames, check_range, truncated};
 use camrig_base::{Error, Plane, Result};
-use camrig_rig_link::packing::{Packing, pack_row, unpack_row};
+use camrig_packing::{Packing, pack_row, unpack_row};
 
 /// Data types: the low six bits of a packet's first byte.
 mod data_type {

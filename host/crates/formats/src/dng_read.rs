@@ -8,7 +8,7 @@
 //! which a note says. Bad pixels of OpcodeList1, whose places are those of the stored image, go
 //! with the crop; opcodes that are not kept are named in a note.
 
-use super::dng::{color_code, color_letter};
+use super::cfa_codes::{color_code, color_letter};
 use super::dng_info::DngInfo;
 use super::ifd::{Ifd, Tiff};
 use super::opcodes::Opcode;

@@ -53,8 +53,10 @@
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+mod cfa_codes;
 pub mod color;
 pub mod csi2;
+#[cfg(feature = "tiff")]
 pub mod dng;
 mod dng_info;
 mod dng_read;
@@ -62,21 +64,27 @@ pub mod exif;
 mod facts;
 pub mod fits;
 mod full_scale;
+#[cfg(feature = "gzip")]
 mod gzip;
 mod ifd;
 pub mod live;
 mod ljpeg;
+#[cfg(feature = "mcap")]
 pub mod mcap;
 mod narrow;
 pub mod npy;
 pub mod opcodes;
 pub mod pgm;
 pub mod pixel_format;
+#[cfg(feature = "png")]
 pub mod png;
 pub mod preview;
+#[cfg_attr(not(feature = "mcap"), allow(dead_code, reason = "messages of recordings alone"))]
+mod ros;
 mod taken;
 #[cfg(test)]
 mod tests;
+#[cfg(feature = "tiff")]
 pub mod tiff16;
 mod tiff_samples;
 pub mod y4m;
@@ -88,6 +96,20 @@ pub use pixel_format::PixelFormat;
 use std::fmt;
 use std::path::Path;
 pub use taken::{Said, Taken};
+
+#[cfg(not(all(feature = "gzip", feature = "mcap", feature = "png", feature = "tiff")))]
+mod left_out;
+#[cfg(not(feature = "gzip"))]
+use left_out::gzip;
+#[cfg(not(feature = "mcap"))]
+pub use left_out::mcap;
+#[cfg(not(feature = "png"))]
+pub use left_out::png;
+#[cfg(not(feature = "tiff"))]
+pub use left_out::{dng, tiff16};
+
+/// First bytes of an MCAP file.
+const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// A stack of raw frames of one size, with what is known about them.
 #[derive(Clone, Debug, PartialEq)]
@@ -254,7 +276,7 @@ impl Format {
                 Some(if ifd::is_dng(bytes) { Self::Dng } else { Self::Tiff })
             }
             _ if bytes.starts_with(b"SIMPLE  =") => Some(Self::Fits),
-            _ if bytes.starts_with(mcap::MAGIC) => Some(Self::Mcap),
+            _ if bytes.starts_with(MCAP_MAGIC) => Some(Self::Mcap),
             _ if csi2::is_stream(bytes) => Some(Self::Csi2),
             _ => None,
         }

@@ -9,15 +9,13 @@
 //! metadata under `camrig`, from which [`decode`] takes it. Without compression; a chunk for each
 //! frame, so that a recording that is cut off can be repaired (`mcap recover`).
 
-mod ros;
-
-use super::{Facts, Frames, check_range};
+pub use super::ros::CameraInfo;
+use super::ros::{self, Image};
+use super::{Facts, Frames, MCAP_MAGIC, check_range};
 use camrig_base::{Error, Plane, RawFrame, Result};
 use mcap::records::{MessageHeader, op};
 use mcap::write::NoSeek;
 use mcap::{MessageStream, WriteOptions};
-pub use ros::CameraInfo;
-use ros::Image;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -28,8 +26,6 @@ const IMAGES: &str = "/camera/image_raw";
 const CAMERA: &str = "/camera/camera_info";
 /// Key of a channel's metadata under which its frames' facts stand.
 const NOTE: &str = "camrig";
-/// First bytes of a file.
-pub const MAGIC: &[u8] = mcap::MAGIC;
 
 /// Bytes of the recording that have not been fetched.
 #[derive(Clone, Default)]
@@ -170,7 +166,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             .help("one that was cut off is repaired by `mcap recover`")
     };
     let damaged = |error: mcap::McapError| not_whole(&error.to_string());
-    if !records_end_within(bytes.get(MAGIC.len()..).unwrap_or_default(), false) {
+    if !records_end_within(bytes.get(MCAP_MAGIC.len()..).unwrap_or_default(), false) {
         return Err(not_whole("a record or a text is longer than what holds it"));
     }
     let mut topic: Option<Arc<mcap::Channel<'_>>> = None;
@@ -359,7 +355,7 @@ mod tests {
         let index = [&[0; 16][..], &text(1 << 29, &[0; 4])].concat();
         let index = record(op::METADATA_INDEX, index.len() as u64, &index);
         for records in [lying, holding_it, cut, missing, schema, channel, index] {
-            let error = decode(&[MAGIC, &records].concat()).err().unwrap().to_string();
+            let error = decode(&[MCAP_MAGIC, &records].concat()).err().unwrap().to_string();
             assert!(error.contains("longer than what holds it"), "{error}");
         }
     }

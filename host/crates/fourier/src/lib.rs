@@ -38,6 +38,7 @@
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+#[cfg(feature = "lanes")]
 pub mod lanes;
 pub mod plans;
 

@@ -6,7 +6,7 @@ mod write;
 
 use super::{CaptureSet, CapturedScene, Light, Role, Rotation, Split};
 use camrig_base::{Error, Result, mistakes, toml_text};
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
+use schemars::{Schema, SchemaGenerator, json_schema, schema_for};
 use serde::Deserialize;
 use std::fmt;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub const UNKNOWN: &str = "?";
 
 /// A capture set: the sensor that took its frames, and under which conditions. Paths are relative to
 /// the file.
-#[derive(Deserialize, JsonSchema)]
+#[derive(Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
     /// `"captures/1"`.
@@ -42,7 +42,7 @@ struct File {
 }
 
 /// The frames of a sensor.
-#[derive(Deserialize, JsonSchema)]
+#[derive(Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Sensor {
     /// Pixels in a row.
@@ -62,7 +62,7 @@ struct Sensor {
 }
 
 /// One stack of frames under the same conditions.
-#[derive(Deserialize, JsonSchema)]
+#[derive(Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Entry {
     /// Unique name within the set.

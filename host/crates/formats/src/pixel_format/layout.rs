@@ -2,7 +2,7 @@
 
 use crate::Error;
 use camrig_base::Result;
-use camrig_rig_link::packing::{Packing, WrongSize, pack_row, unpack_row};
+use camrig_packing::{Packing, WrongSize, pack_row, unpack_row};
 
 /// How samples lie in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

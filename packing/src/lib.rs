@@ -15,6 +15,22 @@
 //!
 //! A row whose width is not a multiple of the group is padded with zero samples. No function here
 //! panics: a buffer of the wrong size is an error.
+//!
+//! ```
+//! use camrig_packing::{Packing, pack_row, unpack_row};
+//!
+//! let mut bytes = [0; 5];
+//! pack_row(Packing::Raw10, &[1023, 0, 512, 1], &mut bytes).unwrap();
+//! assert_eq!(bytes, [255, 0, 128, 0, 0b01_00_00_11]);
+//! let mut samples = [0; 4];
+//! unpack_row(Packing::Raw10, &bytes, &mut samples).unwrap();
+//! assert_eq!(samples, [1023, 0, 512, 1]);
+//! ```
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
 
 use core::fmt;
 

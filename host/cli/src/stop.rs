@@ -58,7 +58,7 @@ impl Drop for Stoppable {
 
 /// Asks the work under way to stop for a signal; false where there is none that can.
 #[cfg_attr(not(unix), allow(dead_code, reason = "there are no signals"))]
-pub(crate) fn ask(signal: i32) -> bool {
+pub fn ask(signal: i32) -> bool {
     let mut state = lock();
     let can = state.works > 0;
     if can {
@@ -70,7 +70,7 @@ pub(crate) fn ask(signal: i32) -> bool {
 
 /// The signal that work has been asked to stop for.
 #[cfg_attr(not(unix), allow(dead_code, reason = "there are no signals"))]
-pub(crate) fn asked() -> Option<i32> {
+pub fn asked() -> Option<i32> {
     lock().signal
 }
 
