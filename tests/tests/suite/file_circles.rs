@@ -16,16 +16,7 @@ const KNOWN: &[&str] = &[
     "host/cli: scene_lights.rs, sequence_lights.rs, simulate.rs",
     "host/crates/camera: check.rs, prescription.rs",
     "host/crates/camera: effects.rs, empirical.rs",
-    "host/crates/lens-files: seq/apertures.rs, seq/commands.rs",
-    "host/crates/lens: best_focus.rs, system.rs",
-    "host/crates/lens: frame.rs, ideal.rs, prescription.rs, trace.rs",
-    "host/crates/lens: seq/apertures.rs, seq/commands.rs",
     "host/crates/render: kept_optics.rs, motion_stage.rs, optics_stage.rs",
-    "host/crates/scene-files: images.rs, tiff_tags.rs",
-    "host/crates/scene-files: rgb/icc.rs, rgb/read_png.rs",
-    "host/crates/scene: cube.rs, selection.rs",
-    "host/crates/scene: images.rs, tiff_tags.rs",
-    "host/crates/scene: rgb/icc.rs, rgb/read_png.rs",
 ];
 
 #[test]

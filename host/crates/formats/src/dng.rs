@@ -9,7 +9,7 @@ use super::cfa_codes::color_code;
 use super::dng_info::{DngInfo, black_levels};
 use super::opcodes;
 use super::{Facts, check_range, preview};
-use camrig_base::{Cfa, Error, RawFrame, Result};
+use camrig_base::{Error, RawFrame, Result};
 use std::io::Cursor;
 use tiff::encoder::{
     DirectoryEncoder, Rational, SRational, TiffEncoder, TiffKindStandard, TiffValue,

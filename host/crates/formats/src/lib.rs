@@ -66,6 +66,7 @@ pub mod fits;
 mod full_scale;
 #[cfg(feature = "gzip")]
 mod gzip;
+#[cfg_attr(not(feature = "tiff"), allow(dead_code, reason = "stacks of TIFF alone"))]
 mod ifd;
 pub mod live;
 mod ljpeg;

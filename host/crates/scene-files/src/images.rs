@@ -6,7 +6,7 @@ use super::cube::{BandSource, Cube};
 use super::rgb::picture::turned;
 use super::rgb::read_png::check_band;
 use super::sidecar::{Own, Sidecar};
-use super::tiff_tags::{Gdal, check_pages};
+use super::tiff_tags::{Gdal, check_pages, unreadable};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 use std::fs::File;
@@ -307,10 +307,6 @@ pub(super) fn decoder(path: &Path, pixels: usize) -> Result<Decoder<BufReader<Fi
     limits.decoding_buffer_size = pixels.saturating_mul(8).saturating_add(MARGIN_BYTES);
     limits.intermediate_buffer_size = limits.decoding_buffer_size;
     Ok(Decoder::new(BufReader::new(file)).map_err(|e| unreadable(path, e))?.with_limits(limits))
-}
-
-pub(super) fn unreadable(path: &Path, error: tiff::TiffError) -> Error {
-    Error::input(format!("not a readable TIFF: {error}")).at(path.display())
 }
 
 /// The pages of a TIFF, all being alike.

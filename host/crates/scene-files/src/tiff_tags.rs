@@ -2,7 +2,6 @@
 //! calibration, and how many pictures the descriptions of ImageJ and tifffile announce.
 
 use super::arrays::in_nm;
-use super::images::unreadable;
 use super::selection::Stated;
 use super::sidecar::{Own, Sidecar};
 use camrig_base::{Error, Result};
@@ -14,6 +13,11 @@ use tiff::decoder::Decoder;
 use tiff::tags::Tag;
 
 type Reader = Decoder<BufReader<File>>;
+
+/// What the library says of a TIFF that it cannot read.
+pub(super) fn unreadable(path: &Path, error: tiff::TiffError) -> Error {
+    Error::input(format!("not a readable TIFF: {error}")).at(path.display())
+}
 
 /// A tag's text; none where it is not there.
 fn text(decoder: &mut Reader, path: &Path, tag: Tag) -> Result<Option<String>> {

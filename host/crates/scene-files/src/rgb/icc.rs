@@ -1,8 +1,8 @@
 //! Colour spaces from ICC profiles: those of a matrix and three curves, or of one grey curve,
 //! which are almost all that pictures carry.
 
+use super::code_points::code_points;
 use super::picture::Said;
-use super::read_png::code_points;
 use camrig_light::colour::space::{SRGB, Space};
 use camrig_light::colour::transfer::Transfer;
 use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve, TransferCharacteristics};

@@ -14,6 +14,7 @@
 //! luminance that the user (`scale`) or the file states; where neither does, a level in lux or
 //! cd/m² must be asked for. A level is that of the picture's white ([`White`]).
 
+mod code_points;
 mod icc;
 pub(super) mod picture;
 mod read_exr;

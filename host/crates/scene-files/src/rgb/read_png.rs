@@ -3,11 +3,12 @@
 //! What says the colours, in the order of the standard (PNG third edition, 4.3): the chunks cICP,
 //! iCCP, sRGB, then gAMA and cHRM.
 
+use super::code_points::code_points;
 use super::icc;
 use super::picture::{Picture, Said, Samples, about_channels, check_size, check_square, three};
 use camrig_base::{Error, Result};
 use camrig_formats::exif::Exif;
-use camrig_light::colour::space::{Chromaticities, DISPLAY_P3, REC2020, SRGB, Space};
+use camrig_light::colour::space::{Chromaticities, SRGB, Space};
 use camrig_light::colour::transfer::Transfer;
 use png::{ColorType, Info, Transformations};
 use std::fs::File;
@@ -136,29 +137,4 @@ fn said(info: &Info<'_>) -> Said {
         return Said::Unknown("a chunk gAMA of 0".into());
     }
     Space::of(name, &primaries, transfer).map_or_else(Said::Refused, Said::Space)
-}
-
-/// The space of code points of ITU-T H.273.
-pub fn code_points(primaries: u8, transfer: u8) -> Result<Space> {
-    let unknown = || {
-        Error::unsupported(format!(
-            "colours of code points {primaries} (primaries) and {transfer} (transfer)"
-        ))
-        .help("say what they are by primaries= and transfer=, or convert the picture to sRGB")
-    };
-    let primaries = match primaries {
-        1 => SRGB,
-        9 => REC2020,
-        12 => DISPLAY_P3,
-        _ => return Err(unknown()),
-    };
-    let transfer = match transfer {
-        1 | 6 | 14 | 15 => Transfer::Bt2020,
-        4 => Transfer::Gamma(2.2),
-        5 => Transfer::Gamma(2.8),
-        8 => Transfer::Linear,
-        13 => Transfer::Srgb,
-        _ => return Err(unknown()),
-    };
-    Space::of("its chunk cICP", &primaries, transfer)
 }

@@ -2,8 +2,8 @@
 
 use super::icc;
 use super::picture::{Picture, Said, Samples, about_channels, check_size, check_square, three};
-use crate::images::{decoder, unreadable};
-use crate::tiff_tags::{check_pages, image_j};
+use crate::images::decoder;
+use crate::tiff_tags::{check_pages, image_j, unreadable};
 use camrig_base::{Error, Result};
 use camrig_light::colour::space::{Chromaticities, Space};
 use camrig_light::colour::transfer::Transfer;
