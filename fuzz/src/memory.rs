@@ -13,17 +13,21 @@ pub struct Bounded;
 unsafe impl GlobalAlloc for Bounded {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         bounded(layout.size());
+        // SAFETY: the caller keeps the contract of `GlobalAlloc`, which is this one's.
         unsafe { Memory.alloc(layout) }
     }
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         bounded(layout.size());
+        // SAFETY: the caller keeps the contract of `GlobalAlloc`, which is this one's.
         unsafe { Memory.alloc_zeroed(layout) }
     }
     unsafe fn realloc(&self, at: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         bounded(size);
+        // SAFETY: the caller keeps the contract of `GlobalAlloc`, which is this one's.
         unsafe { Memory.realloc(at, layout, size) }
     }
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps the contract of `GlobalAlloc`, which is this one's.
         unsafe { Memory.dealloc(at, layout) }
     }
 }

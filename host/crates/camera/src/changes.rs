@@ -116,7 +116,7 @@ mod tests {
     fn a_camera_of_another_size_is_the_one_that_its_file_describes() {
         let timing = Change::new("sensor.timing.line_time_us", 20);
         let size = [Change::new("sensor.width", 64), Change::new("sensor.height", 48)];
-        let changes = [&size[..], &[timing.clone()]].concat();
+        let changes = [&size[..], std::slice::from_ref(&timing)].concat();
         let loaded = Camera::load_with("mt9t012", &changes).unwrap();
         let sized = Camera::load_with("mt9t012", [timing]).unwrap().with_size(64, 48).unwrap();
         assert_eq!(format!("{loaded:?}"), format!("{sized:?}"));

@@ -14,7 +14,7 @@ use super::order::in_order;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-const SIDE: u32 = camrig_sensor_core::config::MAX_SIDE as u32;
+const SIDE: u32 = camrig_sensor_core::config::MAX_SIDE;
 const SIGNAL_E: f64 = camrig_sensor_core::arith::MAX_SIGNAL_E as f64;
 
 // A camera file.
