@@ -626,3 +626,23 @@ fn tolerances_cost_contrast_and_a_seed_repeats_itself() {
     assert!(dearest > 0.0, "{report}");
     refuses(dir, "lens tolerance good.toml --index 2", &["a tolerance of 2 of index"]);
 }
+
+/// The table of surfaces tells both half widths, and what is obscured.
+#[test]
+fn lens_info_lists_apertures_that_are_not_circular() {
+    let dir = tempfile::tempdir().unwrap();
+    let lens = "format = 'camrig-prescription/1'\nwavelengths_nm = [550.0]\nfields_deg = [0.0]\n\
+                [aperture]\nentrance_pupil_mm = 5.0\n[[surface]]\nstop = true\nradius_mm = 50.0\n\
+                thickness_mm = 3.0\nglass = 'N-BK7'\naperture_rectangle_mm = [1.6, 0.9]\n\
+                obscuration_radius_mm = 0.2\n[[surface]]\nthickness_mm = 94.0\n\
+                aperture_radius_mm = 4.0\n";
+    std::fs::write(dir.path().join("lens.toml"), lens).unwrap();
+    let listed = camrig_ok(dir.path(), "lens info lens.toml --surfaces").stdout;
+    let listed = String::from_utf8(listed).unwrap();
+    let line = |start: &str| listed.lines().find(|l| l.starts_with(start)).unwrap().to_owned();
+    assert!(
+        line("  1 ").contains("1.600 x 0.900") && line("  1 ").contains("obscured"),
+        "{listed}"
+    );
+    assert!(line("  2 ").contains(" 4.00000 ") && !line("  2 ").contains("obscured"), "{listed}");
+}

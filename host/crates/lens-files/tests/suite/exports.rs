@@ -1,11 +1,11 @@
 //! The files that the scripts in `contrib/lens-programs` leave, in the layout of each program, come
 //! back as the lens that wrote them.
 
-use camrig::lens::characterise::{self, Plan, PsfMethod};
-use camrig::lens::{Catalogue, Conditions, System};
-use camrig::lens_files::import;
-use camrig::optics::Characterisation;
-use camrig::prescription::toml;
+use camrig_lens::characterise::{self, Plan, PsfMethod};
+use camrig_lens::{Catalogue, Conditions, System};
+use camrig_lens_files::import;
+use camrig_optics::Characterisation;
+use camrig_prescription::toml;
 use std::fmt::Write as _;
 use std::path::Path;
 

@@ -1,13 +1,13 @@
 //! Pictures of every kind as scenes.
 
-use camrig::light::colour::smoothest::{Domain, Smoothest, white};
-use camrig::light::colour::space::{REC2020, Space};
-use camrig::light::colour::transfer::Transfer;
-use camrig::light::photometry::observer;
-use camrig::scene::cube::Cube;
-use camrig::scene::level::check_absolute;
-use camrig::scene::{Quantity, Scene};
-use camrig::scene_files::open_file;
+use camrig_light::colour::smoothest::{Domain, Smoothest, white};
+use camrig_light::colour::space::{REC2020, Space};
+use camrig_light::colour::transfer::Transfer;
+use camrig_light::photometry::observer;
+use camrig_scene::cube::Cube;
+use camrig_scene::level::check_absolute;
+use camrig_scene::{Quantity, Scene};
+use camrig_scene_files::open_file;
 use exr::prelude::*;
 use png::chunk::ChunkType;
 use std::fs::File;
@@ -186,7 +186,7 @@ fn palettes_that_are_no_list_of_colours_are_refused() {
 
 #[test]
 fn jpeg_is_read_turned_and_refused_for_print() {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/crates/scene-files/tests/data");
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let cube = opened(&data.join("colour.jpg"), "");
     assert_eq!(cube.size(), (16, 8));
     // A code of rounding in YCbCr.
@@ -212,8 +212,7 @@ fn pixels_that_are_not_square_are_refused() {
     use png::{BitDepth, ColorType, chunk};
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
-    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../host/crates/scene-files/tests/data/colour.jpg");
+    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/colour.jpg");
     let jpeg = std::fs::read(jpeg).unwrap();
     let jfif = |x: u8, y: u8| {
         let app0 = [&b"\xff\xe0\0\x10JFIF\0\x01\x02\0"[..], &[0, x, 0, y, 0, 0]].concat();
@@ -327,7 +326,7 @@ fn renders_are_radiance_with_a_scale_and_a_white() {
     let [_, v, _] = observer();
     let luminance: f64 = (0..31)
         .map(|b| {
-            let nm = camrig::scene::Bands::VISIBLE.nm(b);
+            let nm = camrig_scene::Bands::VISIBLE.nm(b);
             6830.0 * f64::from(scaled.band(b).unwrap().data[1]) * v.at(nm)
         })
         .sum();
@@ -436,8 +435,7 @@ fn damage_is_survived() {
     let probe = dir.path().join("whole.hdr");
     std::fs::write(&probe, b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x40\x80\x20\x81")
         .unwrap();
-    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../host/crates/scene-files/tests/data/colour.jpg");
+    let jpeg = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/colour.jpg");
     for file in [source, render, stack, probe, jpeg] {
         let whole = std::fs::read(&file).unwrap();
         let damaged = dir.path().join("damaged").with_extension(file.extension().unwrap());

@@ -1,9 +1,9 @@
 //! What a `.zmx` file says, what of it is refused, and what is told.
 
-use camrig::Result;
-use camrig::lens::{Catalogue, Conditions, Prescription, System, characterise, field};
-use camrig::lens_files::zmx::{read, read_configuration};
-use camrig::prescription::{Clip, Form, Pose};
+use camrig_base::Result;
+use camrig_lens::{Catalogue, Conditions, Prescription, System, characterise, field};
+use camrig_lens_files::zmx::{read, read_configuration};
+use camrig_prescription::{Clip, Form, Pose};
 
 /// A plano-convex lens, curvature 0.025, of N-BK7 (n_d 1.51680), with words replaced.
 fn lens(changes: &[(&str, &str)]) -> Result<Prescription> {

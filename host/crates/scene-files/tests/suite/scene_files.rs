@@ -1,8 +1,8 @@
 //! What files of spectral cubes say beside their samples: followed, told or refused.
 
-use super::shared;
-use camrig::scene::{Grid, Scene};
-use camrig::scene_files::{open, open_file};
+use camrig_scene::{Grid, Scene};
+use camrig_scene_files::{open, open_file};
+use camrig_testing::shared;
 use std::path::Path;
 
 /// Why a file is refused.
@@ -15,10 +15,8 @@ fn refused(spec: &str) -> String {
 /// centres.
 #[test]
 fn an_hdf5_file_with_links_is_read() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../host/crates/scene/tests/data/links.h5")
-        .display()
-        .to_string();
+    let path =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/links.h5").display().to_string();
     for spec in [path.clone(), format!("{path}:array=entry/data/cube")] {
         let cube = open_file(&spec).unwrap();
         assert_eq!(cube.size(), (3, 2), "{spec}");

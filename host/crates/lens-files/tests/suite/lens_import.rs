@@ -1,11 +1,11 @@
 //! Tables and listings of lens programs: their units, wavelengths and fields are read, and must
 //! agree with each other.
 
-use super::shared;
-use camrig::glass::text;
-use camrig::lens_files::import::{import, listing};
-use camrig::optics::Characterisation;
-use camrig::{Error, Result};
+use camrig_base::{Error, Result};
+use camrig_glass::text;
+use camrig_lens_files::import::{import, listing};
+use camrig_optics::Characterisation;
+use camrig_testing::shared;
 use std::path::{Path, PathBuf};
 
 fn message(result: Result<impl std::fmt::Debug>) -> String {

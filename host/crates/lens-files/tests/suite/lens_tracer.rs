@@ -1,11 +1,11 @@
 //! The tracer against figures of other programs and closed forms.
 
-use super::shared;
-use camrig::lens::characterise;
-use camrig::lens::prescription::Object;
-use camrig::lens::{Catalogue, Conditions, Prescription, System};
-use camrig::lens_files::read_prescription;
-use camrig::prescription::toml;
+use camrig_lens::characterise;
+use camrig_lens::prescription::Object;
+use camrig_lens::{Catalogue, Conditions, Prescription, System};
+use camrig_lens_files::read_prescription;
+use camrig_prescription::toml;
+use camrig_testing::shared;
 use std::path::PathBuf;
 
 /// A finite-conjugate lens of an outside designer: EFL and pupil as its own program printed them.
@@ -66,11 +66,8 @@ fn a_window_without_light_is_refused_in_words() {
 /// A point so far away that digits of its distance are lost beside the lens is as one at infinity.
 #[test]
 fn an_object_far_away_is_one_at_infinity() {
-    let lens = toml::read(
-        include_str!("../../../host/crates/lens-files/src/fuzz/lens.toml"),
-        &Catalogue::default(),
-    )
-    .unwrap();
+    let lens =
+        toml::read(include_str!("../../src/fuzz/lens.toml"), &Catalogue::default()).unwrap();
     let points = |object: Object| {
         let lens = Prescription { object, ..lens.clone() };
         let system = System::new(lens, Conditions::default()).unwrap();

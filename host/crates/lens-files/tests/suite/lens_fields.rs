@@ -1,11 +1,11 @@
 //! Two-dimensional fields against another tracer, closed forms, and rotational lenses told as
 //! others.
 
-use super::shared;
-use camrig::lens::field::{Map, Point, points};
-use camrig::lens::{Catalogue, Conditions, System, characterise};
-use camrig::lens_files::{read_prescription, seq};
-use camrig::prescription::toml;
+use camrig_lens::field::{Map, Point, points};
+use camrig_lens::{Catalogue, Conditions, System, characterise};
+use camrig_lens_files::{read_prescription, seq};
+use camrig_prescription::toml;
+use camrig_testing::shared;
 
 fn system(text: &str) -> System {
     System::new(seq::read(text, &Catalogue::default()).unwrap(), Conditions::default()).unwrap()

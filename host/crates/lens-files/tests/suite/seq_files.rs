@@ -1,9 +1,9 @@
 //! What a `.seq` file says, and what of it is refused.
 
-use camrig::Result;
-use camrig::lens::prescription::{Aperture, Clip, Medium, Object, Shape};
-use camrig::lens::{Catalogue, Conditions, Prescription, System};
-use camrig::lens_files::seq::{read, read_position};
+use camrig_base::Result;
+use camrig_lens::prescription::{Aperture, Clip, Medium, Object, Shape};
+use camrig_lens::{Catalogue, Conditions, Prescription, System};
+use camrig_lens_files::seq::{read, read_position};
 
 /// A biconvex lens of focal length 78.23 mm behind `head`, with `more` after its first surface.
 fn lens(head: &str, more: &str) -> Result<Prescription> {
@@ -97,7 +97,7 @@ fn centres_move_the_aperture_that_they_name() {
             "RDM; EPD 6; WL 550; YAN 0; SO 0 1e13\nS 0 1\n{more}\nS 80 5 1.5:60; STO\nS -80 75\n\
              SI 0 0"
         );
-        Ok::<_, camrig::Error>(read(&text, &Catalogue::default())?.surfaces[0].clips.clone())
+        Ok::<_, camrig_base::Error>(read(&text, &Catalogue::default())?.surfaces[0].clips.clone())
     };
     let (clear, obscured) = (Clip::circle(10.0), Clip::circle(1.0).obstacle());
     let at = |clip: Clip, centre: [f64; 2]| Clip { centre, ..clip };

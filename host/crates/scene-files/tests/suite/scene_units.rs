@@ -1,8 +1,8 @@
 //! What files of scenes say of their samples: units, calibrations, kinds, layers, pages.
 
-use camrig::scene::cube::Cube;
-use camrig::scene::{Quantity, Scene};
-use camrig::scene_files::open_file;
+use camrig_scene::cube::Cube;
+use camrig_scene::{Quantity, Scene};
+use camrig_scene_files::open_file;
 use exr::prelude::*;
 use png::chunk::{self, ChunkType};
 use std::fs::File;

@@ -1,8 +1,8 @@
 //! Where the sensor goes: by the best MTF on the axis, or a focus distance.
 
-use camrig::lens::characterise::field_points;
-use camrig::lens::{Catalogue, Conditions, Focus, System};
-use camrig::prescription::toml;
+use camrig_lens::characterise::field_points;
+use camrig_lens::{Catalogue, Conditions, Focus, System};
+use camrig_prescription::toml;
 
 /// A plane and a hyperboloid of eccentricity n: free of aberration for an object at infinity.
 /// n − 1 = 0.5 and R = −10: focal length 20.
@@ -15,7 +15,7 @@ fn perfect(thickness: f64) -> String {
     )
 }
 
-fn focused(text: &str, focus: Focus, sensor_shift_mm: f64) -> camrig::Result<System> {
+fn focused(text: &str, focus: Focus, sensor_shift_mm: f64) -> camrig_base::Result<System> {
     let lens = toml::read(text, &Catalogue::default()).unwrap();
     System::new(lens, Conditions { focus, sensor_shift_mm, ..Conditions::default() })
 }

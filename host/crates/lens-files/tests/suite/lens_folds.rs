@@ -1,7 +1,7 @@
 //! Lenses that plane mirrors fold: traced straight, where nothing else turns them.
 
-use camrig::lens::{Catalogue, Conditions, Prescription, System, characterise};
-use camrig::lens_files::zmx;
+use camrig_lens::{Catalogue, Conditions, Prescription, System, characterise};
+use camrig_lens_files::zmx;
 
 const HEAD: &str = "MODE SEQ\nUNIT MM\nENPD 10\nFTYP 0\nXFLN 0\nYFLN 5\nWAVM 1 0.5876 1\n\
     PWAV 1\nSURF 0\n  DISZ INFINITY\n";
