@@ -90,7 +90,7 @@ fn streams_of_scenes_end_or_are_refused() {
     }
     video::watch(&y4m);
     let mut draws = Draws(1);
-    for _ in 0..CONVERSATIONS {
+    for _ in 0..CHANGES {
         video::watch(&draws.changed(&y4m));
         frames::watch(&draws.bytes(2000));
     }

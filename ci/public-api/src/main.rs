@@ -29,7 +29,10 @@ fn main() -> ExitCode {
             std::fs::write(kept, api.into_iter().collect::<String>()).expect("a folder to write to");
             continue;
         }
-        let known = std::fs::read_to_string(&kept).unwrap_or_default();
+        let Ok(known) = std::fs::read_to_string(&kept) else {
+            println!("{name}: no record yet, see ci/api --write");
+            continue;
+        };
         let known = known.split_inclusive('\n').map(String::from).collect::<BTreeSet<_>>();
         for gone in known.difference(&api) {
             print!("-{name}: {gone}");
