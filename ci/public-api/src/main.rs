@@ -26,7 +26,8 @@ fn main() -> ExitCode {
         };
         let kept = record.join(format!("{name}.txt"));
         if mode == "write" {
-            std::fs::write(kept, api.into_iter().collect::<String>()).expect("a folder to write to");
+            std::fs::write(kept, api.into_iter().collect::<String>())
+                .expect("a folder to write to");
             continue;
         }
         let Ok(known) = std::fs::read_to_string(&kept) else {
