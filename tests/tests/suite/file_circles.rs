@@ -9,16 +9,6 @@ use proc_macro2::{Delimiter, Group, TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Circles that are still to be cut.
-const KNOWN: &[&str] = &[
-    "host/cli: rig.rs, rig_view/mod.rs",
-    "host/cli: scene.rs, scene_info.rs",
-    "host/cli: scene_lights.rs, sequence_lights.rs, simulate.rs",
-    "host/crates/camera: check.rs, prescription.rs",
-    "host/crates/camera: effects.rs, empirical.rs",
-    "host/crates/render: kept_optics.rs, motion_stage.rs, optics_stage.rs",
-];
-
 #[test]
 fn files_of_a_crate_form_no_circles() {
     let root = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).canonicalize().unwrap();
@@ -29,7 +19,6 @@ fn files_of_a_crate_form_no_circles() {
         let name = folder.strip_prefix(&root).unwrap().display();
         found.extend(circles(&folder.join("src")).iter().map(|files| format!("{name}: {files}")));
     }
-    found.retain(|circle| !KNOWN.contains(&&circle[..]));
     assert!(found.is_empty(), "files that use each other: {found:#?}");
 }
 

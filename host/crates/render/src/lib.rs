@@ -48,6 +48,7 @@ mod motion_stage;
 mod optical_effects;
 mod optics_stage;
 pub mod readout;
+mod run_optics;
 mod sequence_stage;
 mod traced;
 
@@ -63,8 +64,8 @@ pub use lighting::{SceneInLight, SceneIrradiance, SceneLight, radiance_at};
 pub use lighting::{scene_irradiance, scene_notes};
 pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
 pub use metadata::{dng_info, frame_info};
-pub use motion_stage::{Motion, MotionStage};
-pub use optics_stage::{OpticsOutput, OpticsStage};
+pub use motion_stage::MotionStage;
+pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
 pub use sequence_stage::SequenceStage;
 
 use camrig_base::Result;

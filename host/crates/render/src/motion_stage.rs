@@ -3,22 +3,13 @@
 
 use super::kept_optics::KeptOptics;
 use super::lighting::{SceneInLight, frame_height};
-use super::optics_stage::{OpticsOutput, OpticsStage};
+use super::optics_stage::{Motion, OpticsOutput, OpticsStage};
 use camrig_base::{Error, Result};
 use camrig_camera::{Camera, RowWindows};
 use camrig_light::Lamps;
 use camrig_scene::Scene;
 use camrig_scene::moving::{self, Moments, Moving};
 use std::sync::Arc;
-
-/// Movement of a whole scene over the frames of a sequence.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
-    /// To the right and down, pixels per frame.
-    pub velocity_pixels: [f64; 2],
-    /// Part of the frame period in which a rolling shutter reads its rows; 0 for a global shutter.
-    pub rolling: f64,
-}
 
 /// Makes irradiance of the frames that look at a moving scene.
 pub struct MotionStage {

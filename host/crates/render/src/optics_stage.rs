@@ -1,20 +1,23 @@
 //! The optics stage as a person asks for it: a scene by name, its light, its movement, and whether
 //! results are kept on disk. It gives irradiance on the sensor, W m⁻² nm⁻¹ per band and pixel.
 
-use super::cache;
 use super::collapse::{CollapseReport, OpticsPath};
-use super::kept_optics::KeptOptics;
-use super::lighting::{SceneInLight, SceneLight, frame_aspect, frame_height};
-use super::motion_stage::{Motion, MotionStage};
+use super::lighting::{SceneInLight, SceneLight, frame_aspect};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
-use camrig_light::lamp::Region;
 use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Options, Report};
-use camrig_scene::part::Part;
 use std::path::PathBuf;
-use std::sync::Arc;
+
+/// Movement of a whole scene over the frames of a sequence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// To the right and down, pixels per frame.
+    pub velocity_pixels: [f64; 2],
+    /// Part of the frame period in which a rolling shutter reads its rows; 0 for a global shutter.
+    pub rolling: f64,
+}
 
 /// A scene and its light, ready to be seen by a camera.
 #[derive(Clone, Debug)]
@@ -58,35 +61,6 @@ pub struct OpticsOutput {
 }
 
 impl OpticsStage {
-    /// What falls on the sensor of `camera`, of a scene that moves in its first frame; `progress`
-    /// hears of bands done and bands in all.
-    ///
-    /// # Errors
-    /// A scene, light or lens that cannot be read; an illuminant for a scene that holds radiance.
-    pub fn run(
-        &self,
-        camera: &Camera,
-        progress: impl FnMut(usize, usize),
-    ) -> Result<OpticsOutput> {
-        match self.motion {
-            Some(_) => MotionStage::open(self, camera)?.run_frame(camera, 0, progress),
-            None => self.run_opened(camera, self.open(camera)?, progress),
-        }
-    }
-
-    /// What falls on the sensor from a part of the scene alone.
-    ///
-    /// # Errors
-    /// Those of [`OpticsStage::run`].
-    pub fn run_part(&self, camera: &Camera, region: Region) -> Result<OpticsOutput> {
-        let (mut opened, rebinned) = self.open(camera)?;
-        let height = frame_height(camera);
-        opened.scene = Arc::new(Part { scene: opened.scene, region, height });
-        // It is seen once: nothing to keep.
-        let once = Self { cache: None, ..self.clone() };
-        once.run_opened(camera, (opened, rebinned), |_, _| ())
-    }
-
     /// The scene in its light, and whether its bands were joined to fewer.
     pub(crate) fn open(&self, camera: &Camera) -> Result<(SceneInLight, bool)> {
         let light = SceneLight { illuminant: self.illuminant.as_deref(), level: self.level };
@@ -95,36 +69,6 @@ impl OpticsStage {
         let opened = opened.binned_for(camera);
         let rebinned = opened.scene.bands().count != count;
         Ok((opened, rebinned))
-    }
-
-    fn run_opened(
-        &self,
-        camera: &Camera,
-        (opened, rebinned): (SceneInLight, bool),
-        progress: impl FnMut(usize, usize),
-    ) -> Result<OpticsOutput> {
-        if self.path != OpticsPath::Bands {
-            let mut optics = KeptOptics::new(self);
-            return optics.see(camera, &opened, rebinned, progress).map_err(|e| e.at(&self.scene));
-        }
-        let directory = self.cache.as_deref();
-        let about = opened.about(camera);
-        let cache::Rendered { cube, report, hit, traced, notes: of_lens } =
-            cache::irradiance(camera, &opened.lit(), &self.options, about, directory, progress)
-                .map_err(|e| e.at(&self.scene))?;
-        let mut notes = opened.notes(camera);
-        notes.extend(of_lens);
-        let light = opened.illuminant;
-        Ok(OpticsOutput {
-            light,
-            cube,
-            optics: report,
-            cached: hit,
-            rebinned,
-            lens_traced: traced,
-            collapse: None,
-            notes,
-        })
     }
 }
 
