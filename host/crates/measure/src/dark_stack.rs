@@ -372,7 +372,7 @@ mod tests {
         near(figures(16, |_, _, _| 20.3 + normal(0.6)).read_noise_dn.unwrap(), 0.6, 4.0);
         let hidden = figures(4, |_, _, _| 20.0 + normal(0.2));
         assert_eq!(hidden.read_noise_dn, None);
-        assert!(hidden.notes[0].contains("0.49 DN at most"), "{:?}", hidden.notes);
+        assert!(hidden.notes[0].contains("at most 0.49 DN"), "{:?}", hidden.notes);
     }
 
     #[test]
