@@ -53,6 +53,6 @@ fn a_draft_of_a_manifest_leaves_it_to_the_darks() {
     write(&folder.path().join("dark-1.dng"));
     camrig_ok(folder.path(), "captures new .");
     let text = std::fs::read_to_string(folder.path().join("captures.toml")).unwrap();
-    assert!(text.contains("the files say 61, 64, 65, 70 by place of the pattern"), "{text}");
+    assert!(text.contains("the files have 61, 64, 65, 70 by position of the pattern"), "{text}");
     assert!(!text.lines().any(|line| line.starts_with("black_level_dn")), "{text}");
 }

@@ -401,7 +401,7 @@ fn real_captures_have_their_published_figures() {
     // output says so.
     let ptc = measure("ptc", "emva1288_ref001_CCD_12Bit");
     assert!(near(&ptc["system_gain_dn_per_e"]["value"], 0.2808), "{ptc}");
-    assert!(ptc["notes"].to_string().contains("not a straight line"));
+    assert!(ptc["notes"].to_string().contains("is nonlinear"));
     let rates = measure("rates", "bllanos_narrowband_7x7");
     assert_eq!(rates["series"].as_array().unwrap().len(), 14);
     // A set with unknown light has no quantum efficiency, and the output says so.

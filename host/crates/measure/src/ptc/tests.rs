@@ -174,7 +174,7 @@ fn left_aligned_samples_are_measured_in_their_own_steps() {
         let (a, b) = (get(&whole.figures).unwrap(), get(&moved.figures).unwrap());
         assert!((b.value / (scale * a.value) - 1.0).abs() < 1e-6, "{name}: {a:?} {b:?}");
     }
-    let told = |ptc: &Ptc| ptc.notes.iter().any(|n| n.contains("multiple of 64 DN"));
+    let told = |ptc: &Ptc| ptc.notes.iter().any(|n| n.contains("multiples of 64 DN"));
     assert!(told(&moved) && !told(&whole), "{:?}", moved.notes);
     let hidden = |ptc: &Ptc| ptc.notes.iter().filter(|n| n.contains("not determined")).count();
     assert_eq!(hidden(&moved), hidden(&whole), "{:?} {:?}", moved.notes, whole.notes);
