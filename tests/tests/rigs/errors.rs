@@ -11,7 +11,7 @@ fn words(url: &str) -> String {
 #[test]
 fn an_older_rig_is_named_with_both_versions() {
     let said = words(&tcp_server(Some((0, 0))));
-    assert!(said.contains("speaks versions 0 to 0"), "{said}");
+    assert!(said.contains("supports versions 0 to 0"), "{said}");
     assert!(said.contains("update the rig's firmware"), "{said}");
 }
 
@@ -44,7 +44,7 @@ fn a_camera_too_wide_is_refused_with_the_limit() {
     let cube = common::cube(&camera, common::BANDS);
     let sensor = common::sensor(&camera, &cube);
     let said = Rig::open("emulator:").unwrap().set_camera(&sensor).unwrap_err().to_string();
-    assert!(said.contains("takes 16384 pixels"), "{said}");
+    assert!(said.contains("supports 16384 pixels"), "{said}");
 }
 
 #[test]

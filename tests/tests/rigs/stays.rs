@@ -90,7 +90,7 @@ fn rows_that_stay_with_the_rig_are_those_of_the_host() {
         unpack_row(Packing::of_bits(16).unwrap(), &packed, &mut dn).unwrap();
         assert!(dn == row, "row {y}");
     }
-    assert!(frame.to_raw(&sensor).unwrap_err().to_string().contains("stayed"));
+    assert!(frame.to_raw(&sensor).unwrap_err().to_string().contains("raw output"));
     // And without such an interface they do not stay.
     let mut emulator = Rig::open("emulator:").unwrap();
     emulator.set_camera(&sensor).unwrap();

@@ -234,7 +234,7 @@ mod tests {
             "line 6: cfa is not known",
             "line 9, [[capture]] id \"a\": role is not known",
             "line 11, [[capture]] id \"a\": exposure_s is not known",
-            "line 16: exposure_s: invalid type: boolean",
+            "line 16, key \"exposure_s\" of [[capture]]: exposure_s = true (use a number)",
         ] {
             assert!(message.contains(expected), "{expected}: {message}");
         }
@@ -258,7 +258,7 @@ mod tests {
         assert_eq!(names(of("[\"f2.npy\", \"f10.npy\"]").unwrap()), ["f2.npy", "f10.npy"]);
         assert_eq!(names(of("\"f*.npy\"").unwrap()), ["f10.npy", "f2.npy"]);
         for (files, message) in
-            [("[]", "no files"), ("[\"x*\", \"x.npy\"]", "twice"), ("3", "a file name, a pattern")]
+            [("[]", "no files"), ("[\"x*\", \"x.npy\"]", "twice"), ("3", "files = 3")]
         {
             assert!(of(files).unwrap_err().to_string().contains(message), "{files}");
         }
@@ -293,11 +293,15 @@ mod tests {
             "{HEAD}white_levle_dn = 4095\n[[capture]]\nid='a'\nrole='drak'\nfiles='*.npy'\n"
         );
         let message = parsed(&several.replace("bits = 12", "bits = '12'"));
-        for (line, word) in
-            [(5, "bits"), (6, "white_levle_dn"), (9, "drak"), (7, "missing field `exposure_s`")]
-        {
-            let found =
-                message.lines().any(|l| l.contains(&format!("line {line}:")) && l.contains(word));
+        for (line, word) in [
+            (5, "bits"),
+            (6, "white_levle_dn"),
+            (9, "drak"),
+            (7, "\"capture.exposure_s\" is missing"),
+        ] {
+            let found = message
+                .lines()
+                .any(|l| l.trim_start().starts_with(&format!("line {line}")) && l.contains(word));
             assert!(found, "{line} {word}: {message}");
         }
         let capture = |id: &str, tail: &str| {

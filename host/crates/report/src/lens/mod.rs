@@ -162,11 +162,11 @@ fn prescription(page: &mut Page, traced: Traced<'_>) -> Result<()> {
             Object::Distance(mm) => format!("Object {} mm before the first surface.", number(mm)),
         }
     );
-    let mut table = Table::new(&["surface"])
+    let mut table = Table::new(&["surf."])
         .numbers(&["radius, mm", "thickness, mm"])
         .words(&["material"])
         .numbers(&["conic"])
-        .words(&["polynomial"]);
+        .words(&["asphere"]);
     for (i, s) in lens.surfaces.iter().enumerate() {
         let plane = s.curvature == 0.0;
         let stop = if i == lens.stop { " stop" } else { "" };
