@@ -202,7 +202,7 @@ fn pixel_size_against_snr_and_mtf() {
     // The sensor's dark noise does not know its pitch.
     assert_eq!(figure("dynamic_range_db", "2"), figure("dynamic_range_db", "4"));
     let page = std::fs::read_to_string(dir.join("out/figures.html")).unwrap();
-    for words in ["SNR over pixel pitch", "everywhere", "MTF50 on the sensor against SNR"] {
+    for words in ["SNR against pixel pitch", "everywhere", "MTF50 on the sensor against SNR"] {
         assert!(page.contains(words), "{words}");
     }
 }

@@ -272,7 +272,7 @@ fn drawings_are_whole_svg_files() {
     ] {
         camrig_ok(dir, &format!("lens plot {what} -o {out}"));
         let page = std::fs::read_to_string(dir.join(out).join("lens.html")).unwrap();
-        assert!(page.contains("MTF over frequency"), "{what}");
+        assert!(page.contains("MTF against frequency"), "{what}");
         assert_eq!(page.contains("Prescription"), what != "imported", "{what}");
         for name in expected {
             let text = std::fs::read_to_string(dir.join(out).join(format!("{name}.svg"))).unwrap();

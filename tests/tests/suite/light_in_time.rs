@@ -243,7 +243,7 @@ fn regions_of_what_moves_and_regions_that_overlap_are_refused() {
     let overlaps = format!("{left} --lamp pulse:hz=60,duty=0.1,region=0.4,0,0.5,1");
     for (scene, lamps, words) in [
         ("v.y4m", left, "a region of a sequence"),
-        ("ramp --motion 1,0", left, "a region of a scene that moves"),
+        ("ramp --motion 1,0", left, "a region of a moving scene"),
         ("ramp", overlaps.as_str(), "overlap"),
     ] {
         let run = format!("simulate --camera t.toml --scene {scene} --exposure 4ms {lamps} -o x");

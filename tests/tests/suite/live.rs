@@ -108,7 +108,7 @@ fn a_file_grows_frame_by_frame_and_a_signal_leaves_whole_ones() {
         let (status, told) = said(child);
         assert_eq!(status, None, "ended by the signal: {told}");
         let frames = formats::read(&path).unwrap().planes.len();
-        assert!(frames >= 3 && told.contains(&format!("interrupted: {frames} whole")), "{told}");
+        assert!(frames >= 3 && told.contains(&format!("interrupted: {frames} complete")), "{told}");
     }
 }
 
@@ -181,7 +181,7 @@ fn a_moving_scene_and_changing_light_stream_as_they_are_simulated() {
     let ratio = signal(&dn[64 * 48..]) / signal(&dn[..64 * 48]);
     assert!((ratio - 0.25).abs() < 0.02, "{ratio}");
     let told = String::from_utf8_lossy(&stream.stderr).into_owned();
-    assert!(told.contains("left out") && told.contains("notes.txt"), "{told}");
+    assert!(told.contains("skipped") && told.contains("notes.txt"), "{told}");
 
     // An effect that remembers the frame before knows only light that stands still.
     let lag = small_camera(64, 48, &[]) + "[[effect]]\nkind = \"image-lag\"\nfraction = 0.02\n";

@@ -130,7 +130,7 @@ fn time_decides_which_frame_is_shown() {
     assert_eq!((&counts["received"], &counts["used"]), (&3.into(), &3.into()));
     assert_eq!((&counts["held"], &counts["skipped"]), (&5.into(), &0.into()));
     let fast = camrig_ok(dir, &format!("{SIMULATE} --scene seq --scene-rate 60 --fps 30 -o f"));
-    assert!(stderr(&fast).contains("shown in no frame: 1 frame of seq,"), "{}", stderr(&fast));
+    assert!(stderr(&fast).contains("skipped: 1 frame of seq,"), "{}", stderr(&fast));
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn what_makes_no_sequence_is_named_and_leaves_nothing_behind() {
     refused(dir, &format!("{simulate} mixed"), &["b2.png"]);
     std::fs::write(dir.join("mixed/c.jpg"), b"").unwrap();
     refused(dir, &format!("{simulate} mixed"), &["several kinds"]);
-    refused(dir, &format!("{simulate} ramp --loop"), &["--loop", "stands still"]);
+    refused(dir, &format!("{simulate} ramp --loop"), &["--loop", "a still scene"]);
     refused(dir, &format!("{simulate} seq --motion 1,0"), &["moves by itself"]);
     let kept = format!("{simulate} seq --save-irradiance x.irr");
     refused(dir, &kept, &["--save-irradiance", "single file of the folder", "ffmpeg"]);

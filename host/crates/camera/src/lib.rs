@@ -233,8 +233,8 @@ impl Camera {
     /// ```
     /// use camrig_camera::{Camera, Change};
     ///
-    /// let camera = Camera::load_with("mt9v024", [("sensor.noise.read_e", 6.0)])?;
-    /// assert_eq!(camera.sensor.noise.read_e, 6.0);
+    /// let camera = Camera::load_with("mt9v024", [("sensor.noise.prnu", 0.02)])?;
+    /// assert_eq!(camera.sensor.noise.prnu, 0.02);
     /// # Ok::<(), camrig_base::Error>(())
     /// ```
     ///
