@@ -15,7 +15,7 @@ use camrig_glass::Glass;
 /// A lens ready to trace.
 #[derive(Clone, Debug)]
 pub struct System {
-    /// The prescription, with the object distance and last thickness of the [`Conditions`].
+    /// The prescription, with the object distance and last thickness that were asked for.
     pub prescription: Prescription,
     /// Paraxial figures at the reference wavelength.
     pub paraxial: Paraxial,

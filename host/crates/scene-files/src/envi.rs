@@ -53,7 +53,8 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     }
     let mut understood =
         vec![format!("ENVI, {axes} from slowest to fastest, {sample:?}, in {}", data.display())];
-    if let (Some(s), None) = (reflectance_scale, sidecar.scale) {
+    let reflectance_scale = reflectance_scale.filter(|_| !sidecar.scales_samples());
+    if let Some(s) = reflectance_scale {
         understood.push(format!("reflectance scale factor {s}: samples times {}", 1.0 / s));
         header.refuse_gains("reflectance scale factor")?;
     }
@@ -72,8 +73,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         Some(Quantity::Radiance) => unit_of_radiance(&header, sidecar, &mut own)?,
         _ => sidecar.scale.unwrap_or(1.0),
     };
-    let divisor = reflectance_scale.filter(|_| sidecar.scale.is_none()).unwrap_or(1.0);
-    let scale = (f64::from(unit) / divisor) as f32;
+    let scale = (f64::from(unit) / reflectance_scale.unwrap_or(1.0)) as f32;
     own.stated = header.stated(scale)?;
     let data = Bytes::File(data);
     let layout = Layout::packed(axes, lengths)?;

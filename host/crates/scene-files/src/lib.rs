@@ -65,7 +65,7 @@ pub fn is_file(spec: &str) -> bool {
 }
 
 /// Opens a scene for a frame of some aspect (width over height): content with an aspect of its own
-/// fills the frame, see [`Grid::over_content`].
+/// fills the frame, see [`camrig_scene::Grid::over_content`].
 ///
 /// # Errors
 /// Those of [`open`].

@@ -167,7 +167,8 @@ fn gains_of_radiance_in_an_envi_header_need_a_unit() {
     assert!(open_file(&format!("{spec}:scale=0.001")).is_ok());
     std::fs::write(&path, format!("{twice}data gain values = {{1, 1.0}}\n")).unwrap();
     let stated = open_file(&format!("{spec}:unit=W/m2/sr/nm")).unwrap();
-    assert!((stated.band(0).unwrap().data[0] / 5.0 - 1.0).abs() < 1e-5);
+    let got = stated.band(0).unwrap().data[0];
+    assert!((got / 5.0 - 1.0).abs() < 1e-5, "{got}");
 }
 
 #[test]
