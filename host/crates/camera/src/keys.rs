@@ -1,5 +1,5 @@
-//! The keys of a camera file with meaning, unit and range, as [`super::file`] declares them: for
-//! documentation, editors and drafts.
+//! The keys of a camera file with meaning, unit and range, as the declaration in `file.rs` has
+//! them: for documentation, editors and drafts.
 //!
 //! Keys of effects are in the catalogue of effects ([`super::EffectKind`]).
 

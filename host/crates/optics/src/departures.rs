@@ -1,6 +1,6 @@
 //! Departures of a lens from its description: aberrations and losses added to those of its model.
 //!
-//! [`Departed`] wraps a lens; [`super::effects`] makes departures of what a camera file names.
+//! [`Departed`] wraps a lens; `camrig-render` makes departures of the effects that a camera names.
 
 use super::engine::over_field::scaled;
 use super::engine::stations::Stations;

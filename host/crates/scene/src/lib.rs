@@ -2,11 +2,10 @@
 //! (W m⁻² sr⁻¹ nm⁻¹) in bands of equal width.
 //!
 //! A [`Scene`] gives one plane per band on any [`Grid`]; each value is the area average over a
-//! cell. [`open`] finds built-in charts ([`chart`]), spectral cubes in files ([`cube`]), pictures
-//! of red, green and blue, whose spectra are estimated, and stored scenes ([`stored`]);
-//! [`sequence::open`] finds scenes that change with time. An
-//! illuminant with a level in lux or cd/m² turns reflectance into radiance
-//! ([`camrig_light::photometry::white_radiance`], [`LitScene`]).
+//! cell. Built-in scenes are in [`chart`], spectral cubes in [`cube`], scenes that change with time
+//! in [`sequence`]; `camrig-scene-files` reads all of them from files. An illuminant with a level in
+//! lux or cd/m² turns reflectance into radiance ([`camrig_light::photometry::white_radiance`],
+//! [`LitScene`]).
 //!
 //! # Coordinates
 //! Scenes use *frame coordinates*: the sensor's width is 1, the image centre (0, 0), u points to
