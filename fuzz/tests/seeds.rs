@@ -1,5 +1,5 @@
-//! Every target with its seeds and a fixed number of changes of each: what a fuzzer has found stays mended, and a
-//! reader that lets any short file through to a panic is noticed without one.
+//! Every target with its seeds and a fixed number of changes of each: what a fuzzer has found
+//! stays mended, and a reader that lets any short file through to a panic is noticed without one.
 
 use camrig_fuzz::files::Reader;
 use camrig_fuzz::memory::Bounded;

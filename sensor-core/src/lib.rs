@@ -43,8 +43,9 @@
 //! parameters. Features only add: no `match` breaks where another crate switches one on.
 //!
 //! # Errors
-//! Whatever is refused is refused before the first row, with a [`ConfigError`](config::ConfigError);
-//! [`ConfigError::code`](config::ConfigError::code) names it for programs.
+//! Whatever is refused is refused before the first row, with a
+//! [`ConfigError`](config::ConfigError); [`ConfigError::code`](config::ConfigError::code) names it
+//! for programs.
 //!
 //! # Example
 //! A flat field of 500 e⁻ through shot noise and read noise. `examples/row_loop.rs` starts from

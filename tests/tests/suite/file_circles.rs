@@ -153,7 +153,8 @@ fn is_for_tests(group: &Group) -> bool {
     group.delimiter() == Delimiter::Bracket && group.to_string().replace(' ', "") == "[cfg(test)]"
 }
 
-/// The paths that begin with `prefix` and go on as `tokens` do: one, or those of a group of imports.
+/// The paths that begin with `prefix` and go on as `tokens` do: one, or those of a group of
+/// imports.
 fn expand(tokens: &[TokenTree], mut prefix: Vec<String>, paths: &mut Vec<Vec<String>>) {
     match tokens {
         [TokenTree::Ident(name), rest @ ..] => {

@@ -9,8 +9,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Write captures.toml for the frames in a folder and below: stacks, exposure, gain, temperature and
-/// levels from the files, role from names and levels; unknown values are marked "?"
+/// Write captures.toml for the frames in a folder and below: stacks, exposure, gain, temperature
+/// and levels from the files, role from names and levels; unknown values are marked "?"
 #[derive(clap::Args, Debug)]
 #[command(after_help = "\
     Frames are DNG, TIFF, FITS, NPY, PGM, grey PNG, CSI-2, MCAP, or headerless pixels named like\n\

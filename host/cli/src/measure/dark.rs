@@ -91,8 +91,8 @@ pub fn of_set(set: &CaptureSet, dn_per_e: Option<f64>, json: bool) -> Result<Exi
 /// Name of the file for standard input.
 const SPOOLED: &str = "frames";
 
-/// Saves standard input in a temporary folder, as a stack is read more than once. The folder is deleted
-/// when the value is dropped or the program ends.
+/// Saves standard input in a temporary folder, as a stack is read more than once. The folder is
+/// deleted when the value is dropped or the program ends.
 fn spooled() -> Result<OutputDir> {
     let name = format!("camrig-frames-{}", std::process::id());
     let folder = OutputDir::create(&std::env::temp_dir().join(name), false)?;

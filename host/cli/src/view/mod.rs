@@ -1,10 +1,10 @@
 //! The console: a live page of a rig.
 //!
 //! # Frames
-//! The streaming thread puts its newest frame and figures into [`Shared`] and never waits. A browser
-//! asks for the next frame over a WebSocket once it has drawn the last one, so a slow one sees fewer
-//! frames. Raw samples are sent; the page develops, measures and plots them itself, even while it is
-//! frozen.
+//! The streaming thread puts its newest frame and figures into [`Shared`] and never waits. A
+//! browser asks for the next frame over a WebSocket once it has drawn the last one, so a slow one
+//! sees fewer frames. Raw samples are sent; the page develops, measures and plots them itself,
+//! even while it is frozen.
 //!
 //! # Access
 //! Other pages in the same browser, and other programs' pages on this machine, must not control the

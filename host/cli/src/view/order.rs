@@ -3,8 +3,8 @@
 use camrig_base::{Error, Result};
 use serde::Deserialize;
 
-/// Longest exposure that the page may request, s. A trade-off: long enough for any bench, and a slip
-/// does not stop the stream for hours.
+/// Longest exposure that the page may request, s. A trade-off: long enough for any bench, and a
+/// slip does not stop the stream for hours.
 pub const LONGEST_EXPOSURE_S: f64 = 60.0;
 /// Largest gain that the page may request: that of the rig's gain code, which has 16 bits in steps
 /// of 1/256.

@@ -1,5 +1,5 @@
-//! What every crate of camrig shares, above all [`RawFrame`]: samples of a sensor in digital numbers
-//! (DN), with what is needed to interpret them.
+//! What every crate of camrig shares, above all [`RawFrame`]: samples of a sensor in digital
+//! numbers (DN), with what is needed to interpret them.
 //!
 //! * [`Error`]: what is wrong, of which [`ErrorKind`], where, and what would be right;
 //! * [`Plane`] and [`Cfa`]: rectangles of values, row by row from the top; colour filter patterns;
@@ -9,8 +9,9 @@
 //!   while they are written;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
 //!   [`options`]: those behind a name, `KEY=VALUE,...`;
-//! * [`color`]: matrices between colour spaces; [`npy`]: NumPy arrays; [`median`]; [`natural_order`] of names; [`copies`]: the same frame again; and [`platform`] for what operating systems do
-//!   differently.
+//! * [`color`]: matrices between colour spaces; [`npy`]: NumPy arrays; [`median`];
+//!   [`natural_order`] of names; [`copies`]: the same frame again; and [`platform`] for what
+//!   operating systems do differently.
 //!
 //! ```
 //! use camrig_base::{Bands, Cfa, RawFrame, Spectrum};

@@ -1,7 +1,7 @@
 //! Natural order of names: runs of digits count as numbers, so `a2` comes before `a10`.
 
-/// What a name is sorted by, as the key of `sort_by_cached_key`: its text and its runs of digits, of
-/// up to 38 each, as numbers.
+/// What a name is sorted by, as the key of `sort_by_cached_key`: its text and its runs of digits,
+/// of up to 38 each, as numbers.
 #[must_use]
 pub fn natural_order(name: &str) -> Vec<(String, u128)> {
     let mut parts = Vec::new();

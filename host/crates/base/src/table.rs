@@ -7,8 +7,8 @@
 //! line `# outside: held` or `# outside: zero` says what the curves are outside their wavelengths.
 //!
 //! What the values are is read from names of a closed list and from units
-//! ([`unit`](mod@crate::unit)); what is not understood is refused. A line `# unit: W/m2/nm` says it in
-//! place of the header, and `# column: NAME` which of several columns is meant.
+//! ([`unit`](mod@crate::unit)); what is not understood is refused. A line `# unit: W/m2/nm` says
+//! it in place of the header, and `# column: NAME` which of several columns is meant.
 
 use crate::spectrum::Outside;
 use crate::table_column::{Column, Keys};

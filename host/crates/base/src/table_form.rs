@@ -8,7 +8,8 @@ use crate::{Error, Result};
 /// Wavelengths in nm and in µm, to tell one unit from the other where nothing says it.
 const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
 const UM: std::ops::RangeInclusive<f64> = 0.2..=3.0;
-/// Wavelengths in nm from hard ultraviolet to far infrared: others are in a unit other than the one stated.
+/// Wavelengths in nm from hard ultraviolet to far infrared: others are in a unit other than the
+/// one stated.
 const OPTICAL_NM: std::ops::RangeInclusive<f64> = 10.0..=100_000.0;
 /// What the lines around a spectrometer's table begin with: `>>>>>Begin Spectral Data<<<<<`.
 const MARK: &str = ">>>";

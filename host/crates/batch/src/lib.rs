@@ -1,5 +1,6 @@
-//! Data sets of many pictures. A [`Sweep`] is a grid of cameras, scenes, lights (lx), exposures (s),
-//! gains and seeds; [`run`] renders a [`Shard`] of it into a [`Dataset`], a folder with a manifest.
+//! Data sets of many pictures. A [`Sweep`] is a grid of cameras, scenes, lights (lx), exposures
+//! (s), gains and seeds; [`run`] renders a [`Shard`] of it into a [`Dataset`], a folder with a
+//! manifest.
 //!
 //! A picture depends on the sweep file, its place in the grid and the kind of device alone: not on
 //! the shard it was made in, the threads, or what was there already. See [`sweep`] for the file

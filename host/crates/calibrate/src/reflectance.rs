@@ -174,8 +174,8 @@ impl Reflectance {
         })
     }
 
-    /// Writes the estimate as a stored scene of reflectances called `name`; `source` states where it
-    /// comes from.
+    /// Writes the estimate as a stored scene of reflectances called `name`; `source` states where
+    /// it comes from.
     ///
     /// # Errors
     /// A directory that cannot be written to.

@@ -270,7 +270,8 @@ impl Camera {
         self.empirical.iter().flat_map(|e| e.words(self.first_frame)).collect()
     }
 
-    /// Adds an empirical effect's table to the camera, and returns its stage for [`Camera::effects`].
+    /// Adds an empirical effect's table to the camera, and returns its stage for
+    /// [`Camera::effects`].
     ///
     /// # Errors
     /// Tables that are together longer than a sensor holds.

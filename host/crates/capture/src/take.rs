@@ -58,8 +58,8 @@ pub struct TakeOptions<'a> {
 /// frame done.
 ///
 /// # Errors
-/// A plan that saturates without `saturates = true`, what rendering refuses, and a rig that does not
-/// answer.
+/// A plan that saturates without `saturates = true`, what rendering refuses, and a rig that does
+/// not answer.
 pub fn take(
     camera: &Camera,
     plan: &[Shot],

@@ -55,7 +55,8 @@ pub struct Capture {
     pub temperature_c: Option<f64>,
     /// Requested exposure time, s, where it differs from the actual one.
     pub exposure_requested_s: Option<f64>,
-    /// Id of the capture of which a frame was taken right before each frame of this one (image lag).
+    /// Id of the capture of which a frame was taken right before each frame of this one (image
+    /// lag).
     pub preceded_by: Option<String>,
     /// The light; `None` in the dark.
     pub light: Option<Light>,

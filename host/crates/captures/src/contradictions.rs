@@ -1,7 +1,7 @@
 //! Compares the metadata in the files of a set with its manifest.
 //!
-//! Contradictions are reported; the manifest takes precedence, since it may be better informed than a
-//! file.
+//! Contradictions are reported; the manifest takes precedence, since it may be better informed
+//! than a file.
 
 use super::frames::open_with_facts;
 use super::{Capture, CaptureSet, SensorFacts};
@@ -34,8 +34,8 @@ struct FileMetadata<'a> {
 
 impl CaptureSet {
     /// Contradictions between files and `captures.toml`: exposure, gain or temperature of any file,
-    /// filter pattern, black level or white level of the first file of a capture. Each is a sentence
-    /// with the first capture concerned. Files that cannot be read are skipped.
+    /// filter pattern, black level or white level of the first file of a capture. Each is a
+    /// sentence with the first capture concerned. Files that cannot be read are skipped.
     #[must_use]
     pub fn contradictions(&self) -> Vec<String> {
         let facts = |capture: &Capture| Some(open_with_facts(capture.files.first()?).ok()?.1);

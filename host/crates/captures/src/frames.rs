@@ -181,8 +181,8 @@ impl<'a> Batches<'a> {
         self.waiting.is_empty() && self.files.is_empty()
     }
 
-    /// The next frames; empty at the end. Files are opened in parallel, only a few at a time if they
-    /// must be decoded.
+    /// The next frames; empty at the end. Files are opened in parallel, only a few at a time if
+    /// they must be decoded.
     ///
     /// # Errors
     /// A file that cannot be read, or a frame whose size contradicts `[sensor]`.

@@ -1,9 +1,10 @@
-//! Capture sets: raw frames, measured or simulated, with the conditions under which they were taken.
+//! Capture sets: raw frames, measured or simulated, with the conditions under which they were
+//! taken.
 //!
 //! A [`CaptureSet`] is a directory with frames and a manifest, `captures.toml`: the only form in
 //! which the program reads measured data, and what `camrig capture` writes. [`CaptureSet::load`]
-//! reads and checks the manifest; [`CaptureSet::for_each_batch`] reads the frames a few at a time, so
-//! that the memory used does not depend on the length of a stack.
+//! reads and checks the manifest; [`CaptureSet::for_each_batch`] reads the frames a few at a time,
+//! so that the memory used does not depend on the length of a stack.
 //!
 //! Samples are DN; exposures are in s, temperatures in °C, irradiance in W m⁻² on the sensor,
 //! wavelengths in nm, illuminance in lx on the scene.

@@ -38,7 +38,8 @@ pub struct SensorFacts {
     pub window: Option<Window>,
 }
 
-/// A region of the stored frames, of [`SensorFacts::width`] columns and [`SensorFacts::height`] rows.
+/// A region of the stored frames, of [`SensorFacts::width`] columns and [`SensorFacts::height`]
+/// rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// First column.
@@ -63,8 +64,8 @@ impl CaptureSet {
         manifest::parse(&text, &file)
     }
 
-    /// The set restricted to `width` columns from `x` on and `height` rows from `y` on of every frame,
-    /// as if the sensor had no others.
+    /// The set restricted to `width` columns from `x` on and `height` rows from `y` on of every
+    /// frame, as if the sensor had no others.
     ///
     /// # Errors
     /// A region that is empty, not inside the frames, or does not start at a whole period of the

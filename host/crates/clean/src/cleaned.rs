@@ -40,7 +40,8 @@ impl Cleaned {
         Ok(Self { set: corrections.apply_to_set(&set), raw: set, findings, corrections })
     }
 
-    /// Frames that [`Options::progress`] receives in all: those of dark and flat stacks, each twice.
+    /// Frames that [`Options::progress`] receives in all: those of dark and flat stacks, each
+    /// twice.
     ///
     /// # Errors
     /// Files that cannot be read.

@@ -30,7 +30,8 @@ impl<'a> Completeness<'a> {
     pub fn new(events: &[&Event], margins: &'a [Vec<f32>], threshold: f64) -> Self {
         let mut charges: Vec<f64> = events.iter().map(|e| e.charge_dn).collect();
         charges.sort_unstable_by(f64::total_cmp);
-        // Faint ones are detected because they lie in one pixel; they do not show how charge spreads.
+        // Faint ones are detected because they lie in one pixel; they do not show how charge
+        // spreads.
         let middle = charges[charges.len() / 2];
         let tracks = events.iter().filter(|e| e.charge_dn >= middle).map(|e| track(e)).collect();
         let mut all = Self { tracks, margins, threshold, mean_excess: 0.0 };

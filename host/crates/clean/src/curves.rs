@@ -1,5 +1,5 @@
-//! Curves over the frames of all stacks: a start-up offset of the first frames, the same in dark and
-//! light, and a drift of the lamp, in proportion to the light.
+//! Curves over the frames of all stacks: a start-up offset of the first frames, the same in dark
+//! and light, and a drift of the lamp, in proportion to the light.
 //!
 //! The means of frames are fitted with c (e^(−i/τ) − its mean) and c (i/(N − 1) − ½), c the same
 //! number of DN in all stacks, or the same share of the light in all flats. The error of a frame's

@@ -203,8 +203,8 @@ impl Search {
     }
 }
 
-/// A trimmed variance: without its largest squared residuals, so that two events in one pixel do not
-/// mask each other. The same for every pixel of a stack.
+/// A trimmed variance: without its largest squared residuals, so that two events in one pixel do
+/// not mask each other. The same for every pixel of a stack.
 struct Trimmed {
     /// Number of largest squares that are left out.
     out: usize,
@@ -253,8 +253,8 @@ fn around(p: usize, width: usize, height: usize) -> impl Iterator<Item = usize> 
     .filter(move |&q| q != p)
 }
 
-/// The nearest pixel of the same filter in the row of `p` that is not `used` itself; `p` where there
-/// is none.
+/// The nearest pixel of the same filter in the row of `p` that is not `used` itself; `p` where
+/// there is none.
 pub fn substitute(p: usize, width: usize, period: usize, used: impl Fn(usize) -> bool) -> usize {
     let (row, x) = (p / width * width, p % width);
     let (mut left, mut right) = (x, x);

@@ -31,7 +31,8 @@ const MIN_LEVELS_FOR_PAIRS: usize = 9;
 /// where they are used.
 const GROSS_RATIO: f64 = 1.5;
 /// Relative difference of the brightest stack's variance over signal from the others' within which
-/// its noise matches. Chosen: far above the effect of a bent response, far below that of saturation.
+/// its noise matches. Chosen: far above the effect of a bent response, far below that of
+/// saturation.
 const SAME_NOISE: f64 = 0.1;
 /// Exponents n that are tested; 0 stands for a linear response.
 const EXPONENTS: [f64; 17] =

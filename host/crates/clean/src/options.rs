@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-/// Options of [`Cleaned::new`](crate::Cleaned::new) and [`Cleaned::inspect`](crate::Cleaned::inspect).
+/// Options of [`Cleaned::new`](crate::Cleaned::new) and
+/// [`Cleaned::inspect`](crate::Cleaned::inspect).
 #[derive(Clone, Copy, Default)]
 #[non_exhaustive]
 pub struct Options<'a> {

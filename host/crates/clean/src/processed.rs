@@ -46,9 +46,9 @@ impl Lags {
         Self { stack, ..Self::default() }
     }
 
-    /// Adds a band that begins at `first_row` of the frame, for a filter pattern of `across` columns
-    /// and `down` rows. The means of rows and columns are subtracted first, frame by frame: noise
-    /// that a row or a column shares is not a filter's.
+    /// Adds a band that begins at `first_row` of the frame, for a filter pattern of `across`
+    /// columns and `down` rows. The means of rows and columns are subtracted first, frame by
+    /// frame: noise that a row or a column shares is not a filter's.
     pub fn add(&mut self, r: &Residuals, (across, down): (usize, usize), first_row: usize) {
         let (n, width) = (r.frames, r.width);
         let height = r.median.len() / width;

@@ -1,5 +1,5 @@
-//! A shape that no effect of the catalogue describes: what it is, how much and where, as figures and
-//! in words. [`crate::shapes`] finds it.
+//! A shape that no effect of the catalogue describes: what it is, how much and where, as figures
+//! and in words. [`crate::shapes`] finds it.
 
 use crate::evidence::Estimated;
 use crate::report::{Dependence, Domain, Form, Shown};

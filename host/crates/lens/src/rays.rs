@@ -23,7 +23,8 @@ pub struct Rays<const N: usize> {
     pub direction: [[f64; N]; 3],
     /// Optical path up to there, mm, from where [`Start::path`] counts.
     pub path: [f64; N],
-    /// Largest [`Clip::excess`](super::prescription::Clip::excess) met so far: above 0 for rays that an aperture stops.
+    /// Largest [`Clip::excess`](super::prescription::Clip::excess) met so far: above 0 for rays
+    /// that an aperture stops.
     pub excess: [f64; N],
 }
 

@@ -1,5 +1,5 @@
-//! Light and colour. The principal type is [`Illuminant`]: a relative spectrum, by its CIE name, its
-//! colour temperature or from a table.
+//! Light and colour. The principal type is [`Illuminant`]: a relative spectrum, by its CIE name,
+//! its colour temperature or from a table.
 //!
 //! [`lamp`]s change with time; [`photometry`] is the CIE's, [`delta_e`] its colour difference, and
 //! [`colour`] estimates spectra of colours. A [`LightLevel`] in lux or cd/m² makes it absolute:

@@ -80,9 +80,9 @@ impl Codes {
 
     /// Corrects a measured variance of samples for the dependence of rounding on the mean, so that
     /// rounding adds [`quantisation`](Self::quantisation), DN². With noise of less than a step,
-    /// rounding changes the variance by anything from a negative amount (all samples have one code) to
-    /// a quarter of the step's square (two codes). `None` where the noise is too small to be
-    /// determined.
+    /// rounding changes the variance by anything from a negative amount (all samples have one
+    /// code) to a quarter of the step's square (two codes). `None` where the noise is too small to
+    /// be determined.
     pub fn as_if_resolved(&self, measured: Value, mean: f64, spread: f64) -> Option<Value> {
         let square = self.square();
         if measured.value - self.quantisation() > MIN_RESOLVED * square {
@@ -102,8 +102,8 @@ impl Codes {
         Some(Value::new(noise + self.quantisation(), error))
     }
 
-    /// Whether the noise of a measured variance is so small that the effect of rounding depends on the
-    /// mean.
+    /// Whether the noise of a measured variance is so small that the effect of rounding depends on
+    /// the mean.
     pub fn hides(&self, measured: f64) -> bool {
         measured < (QUANTISATION_LIMITED + QUANTISATION) * self.square()
     }
@@ -158,8 +158,8 @@ mod tests {
         assert_eq!(coarse.quantisation(), 4096.0 / 12.0);
     }
 
-    /// Rounded samples of Gaussian noise of 0.35 to 1.2 steps around means between two codes: the noise
-    /// is recovered for every mean.
+    /// Rounded samples of Gaussian noise of 0.35 to 1.2 steps around means between two codes: the
+    /// noise is recovered for every mean.
     #[test]
     fn rounding_is_corrected_for_any_mean() {
         let codes = Codes::of([BitsSeen::new(64, 0b11 << 2)]);

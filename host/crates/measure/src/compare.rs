@@ -40,8 +40,9 @@ pub struct Comparison {
 /// The statistics of a channel: mean, temporal variance, and spatial variance of rows, columns and
 /// pixels; without those that this number of frames does not show.
 ///
-/// Samples are whole DN. The errors of means and variances are at least those of rounding noise, 1/12
-/// DN², so that constant frames can be compared, and a constant offset between them is a difference.
+/// Samples are whole DN. The errors of means and variances are at least those of rounding noise,
+/// 1/12 DN², so that constant frames can be compared, and a constant offset between them is a
+/// difference.
 fn statistics(m: &Moments, frames: Frames) -> Vec<(&'static str, Value)> {
     let s = m.spatial();
     let samples = m.pixels() * m.frames as f64;

@@ -1,5 +1,5 @@
-//! Detects copied frames in a stack. Copies have no noise of their own, so that the temporal variance
-//! is too low: by a third if each of two frames occurs twice.
+//! Detects copied frames in a stack. Copies have no noise of their own, so that the temporal
+//! variance is too low: by a third if each of two frames occurs twice.
 
 use super::stack::Stack;
 use camrig_base::copies::Print;

@@ -153,8 +153,8 @@ saturates = true
         assert!((found.value - truth).abs() < tolerance, "{found:?} instead of {truth}");
     }
 
-    /// Sixty random cameras of an independent sensor: with twenty, the rate of deviations would be too
-    /// uncertain.
+    /// Sixty random cameras of an independent sensor: with twenty, the rate of deviations would be
+    /// too uncertain.
     #[test]
     fn random_couplings_are_recovered() {
         let mut hits = Hits::default();

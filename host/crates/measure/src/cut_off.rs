@@ -1,10 +1,10 @@
-//! Detects darks that are cut off: samples below some code were set to that code, which then contains
-//! the whole lower tail of the noise.
+//! Detects darks that are cut off: samples below some code were set to that code, which then
+//! contains the whole lower tail of the noise.
 //!
-//! The logarithm of a Gaussian is a parabola, so that its third difference over codes is 0. The three
-//! codes above a code predict its number of samples: n0 = n1³ n3 / n2³. A code that contains a cut-off
-//! tail has more, and the code below it fewer; with tails heavier than a Gaussian's, both have more.
-//! The test is applied to the lowest code above a few defective pixels.
+//! The logarithm of a Gaussian is a parabola, so that its third difference over codes is 0. The
+//! three codes above a code predict its number of samples: n0 = n1³ n3 / n2³. A code that contains
+//! a cut-off tail has more, and the code below it fewer; with tails heavier than a Gaussian's,
+//! both have more. The test is applied to the lowest code above a few defective pixels.
 
 use super::codes::{BitsSeen, Codes};
 use super::moments::SATURATED_SHARE;
@@ -30,9 +30,9 @@ pub struct CutOff {
 }
 
 impl CutOff {
-    /// Tests a frame whose colour pattern repeats every `period` rows. `None` where it is not cut off,
-    /// where it is cut off at 0 DN (see [`Moments::zeros`](super::moments::Moments)), or where too few
-    /// codes occur.
+    /// Tests a frame whose colour pattern repeats every `period` rows. `None` where it is not cut
+    /// off, where it is cut off at 0 DN (see [`Moments::zeros`](super::moments::Moments)), or
+    /// where too few codes occur.
     ///
     /// # Errors
     /// A file that cannot be read.

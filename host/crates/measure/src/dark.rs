@@ -1,5 +1,5 @@
-//! The dark against exposure time and temperature: black level in DN, dark current in DN per second,
-//! and the temperature step that doubles it.
+//! The dark against exposure time and temperature: black level in DN, dark current in DN per
+//! second, and the temperature step that doubles it.
 
 use super::fit::Fit;
 use super::ladder::Level;
@@ -51,8 +51,8 @@ impl DarkLine {
         Self { line: line.filter(|_| spans(&column(|p| p.exposure_s))), points }
     }
 
-    /// Mean of the dark at an exposure time (s), DN: of the darks of that exposure, otherwise on the
-    /// line through all darks, otherwise of the first dark.
+    /// Mean of the dark at an exposure time (s), DN: of the darks of that exposure, otherwise on
+    /// the line through all darks, otherwise of the first dark.
     pub fn mean_at(&self, exposure_s: f64) -> Value {
         let same: Vec<Value> = self
             .points

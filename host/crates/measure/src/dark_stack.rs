@@ -3,8 +3,8 @@
 //!
 //! Read noise is the square root of the temporal variance of the pixels minus that of rounding,
 //! step²/12 (EMVA 1288 release 4.0, section 7.1); the dark current's shot noise is part of it.
-//! Noise of rows is that of the frames' row means about their temporal mean, minus the contribution of
-//! white noise: with w pixels in a row V_row = σ_row² + (σ² − σ_row²)/w.
+//! Noise of rows is that of the frames' row means about their temporal mean, minus the
+//! contribution of white noise: with w pixels in a row V_row = σ_row² + (σ² − σ_row²)/w.
 
 use super::codes::Codes;
 use super::copies;
@@ -52,8 +52,8 @@ pub struct DarkStack {
     pub notes: Vec<String>,
 }
 
-/// The figures of the frames in `files`, in order of time. The colour filter pattern is `cfa`, otherwise
-/// that of the first file, otherwise monochrome.
+/// The figures of the frames in `files`, in order of time. The colour filter pattern is `cfa`,
+/// otherwise that of the first file, otherwise monochrome.
 ///
 /// # Errors
 /// No file, files that cannot be read or differ in size, fewer than two frames, the same frame
@@ -86,8 +86,8 @@ pub fn of_files(files: &[PathBuf], cfa: Option<Cfa>) -> Result<DarkStack> {
     Ok(found)
 }
 
-/// Conditions in which files of one stack differ from the first: a sentence for each, with the first
-/// such file.
+/// Conditions in which files of one stack differ from the first: a sentence for each, with the
+/// first such file.
 fn differences(files: &[PathBuf], first: &Facts) -> Vec<String> {
     type Condition = fn(&Facts) -> Option<String>;
     let kinds: [(&str, Condition); 4] = [

@@ -73,8 +73,8 @@ impl Fit {
         self.covariance[(i, j)]
     }
 
-    /// Standard error of coefficient `j`, increased by √(χ²/ν) where the data scatter more than their
-    /// errors.
+    /// Standard error of coefficient `j`, increased by √(χ²/ν) where the data scatter more than
+    /// their errors.
     pub fn std_error(&self, j: usize) -> f64 {
         (self.covariance[(j, j)] * self.reduced_chi2().max(1.0)).sqrt()
     }

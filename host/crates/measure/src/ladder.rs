@@ -18,8 +18,8 @@ const SATURATED_DARK: f64 = 0.5;
 const MAX_SDS_BELOW_BLACK: f64 = 6.0;
 /// DN that are added to it, for rounding.
 const ROUNDING_DN: f64 = 1.0;
-/// Standard errors by which a dark must be brighter than a flat to contradict it: exceeded by chance
-/// once in three million pairs.
+/// Standard errors by which a dark must be brighter than a flat to contradict it: exceeded by
+/// chance once in three million pairs.
 const MIN_ERRORS: f64 = 5.0;
 
 /// One dark or flat stack: conditions and moments.

@@ -14,8 +14,8 @@ use serde::Serialize;
 
 /// Index of the white patch (19), counted from 0.
 const WHITE: usize = 18;
-/// Side of the averaged square relative to the patch: demosaicing and sharpening change colours near
-/// the edges.
+/// Side of the averaged square relative to the patch: demosaicing and sharpening change colours
+/// near the edges.
 const MIDDLE: f64 = 0.5;
 
 /// Colour of one patch.

@@ -70,8 +70,8 @@ fn name(role: Role, light: Option<&Light>) -> String {
 /// noise lies below its mean, and the black level of a working camera is above 0.
 const CLIPPED: f64 = 0.5;
 
-/// Measures every exposure series of the set except darks. A set without a pattern is treated as 2 x
-/// 2 positions of unknown colour.
+/// Measures every exposure series of the set except darks. A set without a pattern is treated as 2
+/// x 2 positions of unknown colour.
 ///
 /// # Errors
 /// A series without a dark of its exposure times and without a black level.
@@ -235,7 +235,8 @@ mod tests {
     /// Real captures through seven filters: at 550 nm another program finds G, B, R in the ratios
     /// 1, 0.040, 0.014 and the greens 0.9954, to 0.005. The chart series agrees. The dot series has
     /// 0.046 for blue: in this camera the offset is some 2 DN below 0 and clips, so that a ratio
-    /// depends on the exposures used (0.038 from 25 ms alone, 0.050 from 50 ms), as the note states.
+    /// depends on the exposures used (0.038 from 25 ms alone, 0.050 from 50 ms), as the note
+    /// states.
     #[test]
     fn real_seven_filter_captures() {
         let Some(root) = camrig_testing::shared("data/captures/bllanos_narrowband_7x7") else {

@@ -8,8 +8,8 @@ use super::value::Value;
 const MIN_LEVELS: usize = 5;
 /// Smallest number of levels for a cubic: four degrees of freedom remain.
 const MIN_LEVELS_CUBIC: usize = 8;
-/// Decrease of χ² for which the cubic term is used, in units of the residual scatter: three standard
-/// errors.
+/// Decrease of χ² for which the cubic term is used, in units of the residual scatter: three
+/// standard errors.
 const CUBIC_GAIN: f64 = 9.0;
 /// Steps of Newton's method, which doubles its digits with each: 8 suffice from any start within a
 /// factor of two.

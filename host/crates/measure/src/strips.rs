@@ -273,7 +273,8 @@ fn add_row(
 mod tests {
     use super::*;
 
-    /// Compared with direct sums, for a pattern of 2 x 3 and a width that is not a multiple of a vector.
+    /// Compared with direct sums, for a pattern of 2 x 3 and a width that is not a multiple of a
+    /// vector.
     #[test]
     fn moments_of_a_strip() {
         let (width, height, step_x, step_y) = (515, 7, 2, 3);

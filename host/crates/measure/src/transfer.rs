@@ -54,8 +54,9 @@ pub struct Knee {
 }
 
 impl Knee {
-    /// Tests the next brighter level: mean signal and temporal variance above dark, the latter with its
-    /// sampling error. A level whose noise is hidden by rounding is no evidence about others.
+    /// Tests the next brighter level: mean signal and temporal variance above dark, the latter
+    /// with its sampling error. A level whose noise is hidden by rounding is no evidence about
+    /// others.
     pub fn passes(&mut self, m: &Moments, signal: f64, variance: Value, codes: &Codes) -> bool {
         let ratio = Value::new(variance.value / signal, variance.std_error / signal);
         self.saturated |= m.whites > SATURATED_SHARE;
@@ -63,8 +64,8 @@ impl Knee {
             self.plateau = Some(self.plateau.unwrap_or(0.0).max(m.mean()));
             return false;
         }
-        // Above a full well the variance never recovers: a low dim level with a normal brighter one is
-        // a bad stack, not a knee.
+        // Above a full well the variance never recovers: a low dim level with a normal brighter
+        // one is a bad stack, not a knee.
         self.plateau = None;
         if variance.value > CLEAR_VARIANCE * variance.std_error && !codes.hides(m.temporal) {
             self.ratios.push(ratio);
@@ -72,8 +73,8 @@ impl Knee {
         true
     }
 
-    /// Whether a ratio is below that of the straight part by more than a curved response causes and by
-    /// more than its error.
+    /// Whether a ratio is below that of the straight part by more than a curved response causes
+    /// and by more than its error.
     fn is_bent(&self, ratio: Value, m: &Moments, signal: f64) -> bool {
         if self.ratios.len() < 2 {
             return false;

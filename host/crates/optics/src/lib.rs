@@ -1,5 +1,5 @@
-//! Lens models, and the engine that turns scene radiance into irradiance on the sensor. The principal
-//! type is [`Lens`], which every model is.
+//! Lens models, and the engine that turns scene radiance into irradiance on the sensor. The
+//! principal type is [`Lens`], which every model is.
 //!
 //! [`irradiance`] renders a lit scene (spectral radiance, W m⁻² sr⁻¹ nm⁻¹) through any [`Lens`]
 //! onto a [`SensorGrid`] and returns the mean irradiance over each pixel's photosensitive square,

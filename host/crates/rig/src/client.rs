@@ -54,8 +54,8 @@ pub struct FrameRequest {
     pub settings: FrameSettings,
     /// Arithmetic of the rig's sensor.
     pub arithmetic: Arithmetic,
-    /// Integrate the bands on the host and send mean electrons: fewer bytes, at the cost of the last
-    /// bit of accuracy.
+    /// Integrate the bands on the host and send mean electrons: fewer bytes, at the cost of the
+    /// last bit of accuracy.
     pub collapse: bool,
     /// The sensor saw the same light in the previous frame.
     pub lit_before: bool,
@@ -353,9 +353,9 @@ impl Rig {
         self.frame_from(&mut feed, sensor, request)
     }
 
-    /// Exposes one frame to the light of a feed, which decides whether bands are collapsed. A broken
-    /// link is reopened and the frame resumed where it was. If the rig's registers decide and have
-    /// changed meanwhile, their previous values are restored.
+    /// Exposes one frame to the light of a feed, which decides whether bands are collapsed. A
+    /// broken link is reopened and the frame resumed where it was. If the rig's registers decide
+    /// and have changed meanwhile, their previous values are restored.
     ///
     /// # Errors
     /// A frame too large for the link, a cube that cannot be read, settings that the rig refuses,

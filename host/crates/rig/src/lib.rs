@@ -1,10 +1,10 @@
 //! Rigs: sensor models on another device, reached over a link and fed with irradiance.
 //!
 //! A [`Rig`] at an address (`emulator:`, `tcp://`, `serial://`, `hid://`) takes a sensor and an
-//! irradiance cube (W m⁻² nm⁻¹ per band and pixel) and returns raw rows in digital numbers: the same
-//! bytes as this process would compute. Lost or damaged packets are requested again, and broken
-//! links are reopened. Its registers have the addresses of MIPI CCS and act with the delay of a
-//! sensor.
+//! irradiance cube (W m⁻² nm⁻¹ per band and pixel) and returns raw rows in digital numbers: the
+//! same bytes as this process would compute. Lost or damaged packets are requested again, and
+//! broken links are reopened. Its registers have the addresses of MIPI CCS and act with the delay
+//! of a sensor.
 //!
 //! ```
 //! use camrig_rig::Rig;

@@ -42,8 +42,8 @@ const MAX_BANDS: usize = 1 << 16;
 /// Bands beyond which a last axis is more likely one of pixels, where the first is shorter.
 const MANY_BANDS: usize = 300;
 
-/// Attributes of packed samples in the CF conventions (1.11, section 8.1 and 2.5.1): gain, offset and
-/// two names of the sample that stands for no data.
+/// Attributes of packed samples in the CF conventions (1.11, section 8.1 and 2.5.1): gain, offset
+/// and two names of the sample that stands for no data.
 const CF: [&str; 4] = ["scale_factor", "add_offset", "_FillValue", "missing_value"];
 
 /// What the samples of an array stand for: `gain * sample + offset` in the array's unit.
@@ -55,7 +55,8 @@ struct Packing {
 }
 
 impl Packing {
-    /// The same of samples that come multiplied by `scale`, which makes the array's unit the scene's.
+    /// The same of samples that come multiplied by `scale`, which makes the array's unit the
+    /// scene's.
     fn stated(&self, bands: usize, scale: f32) -> Stated {
         let is_packed = self.gain != 1.0 || self.offset != 0.0;
         let all = |value: f64| is_packed.then(|| vec![value; bands]);

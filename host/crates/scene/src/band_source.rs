@@ -15,7 +15,8 @@ pub trait BandSource: Send + Sync {
     /// # Errors
     /// A file that cannot be read.
     fn read(&self, band: usize) -> Result<Plane<f32>>;
-    /// The bands as mixtures, see [`Scene::components`](super::Scene::components); none of a source that only has bands.
+    /// The bands as mixtures, see [`Scene::components`](super::Scene::components); none of a
+    /// source that only has bands.
     ///
     /// # Errors
     /// A file that cannot be read.

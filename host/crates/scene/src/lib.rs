@@ -3,8 +3,8 @@
 //!
 //! A [`Scene`] gives one plane per band on any [`Grid`]; each value is the area average over a
 //! cell. Built-in scenes are in [`chart`], spectral cubes in [`cube`], scenes that change with time
-//! in [`sequence`]; `camrig-scene-files` reads all of them from files. An illuminant with a level in
-//! lux or cd/m² turns reflectance into radiance ([`camrig_light::photometry::white_radiance`],
+//! in [`sequence`]; `camrig-scene-files` reads all of them from files. An illuminant with a level
+//! in lux or cd/m² turns reflectance into radiance ([`camrig_light::photometry::white_radiance`],
 //! [`LitScene`]).
 //!
 //! # Coordinates
@@ -181,8 +181,8 @@ pub fn is_file(spec: &str) -> bool {
     !chart::NAMES.contains(&name)
 }
 
-/// The scene for a frame of some aspect (width over height): content with an aspect of its own fills
-/// the frame, see [`Grid::over_content`].
+/// The scene for a frame of some aspect (width over height): content with an aspect of its own
+/// fills the frame, see [`Grid::over_content`].
 #[must_use]
 pub fn filling(scene: Box<dyn Scene>, frame_aspect: f64) -> Box<dyn Scene> {
     Box::new(Filling { scene, frame_aspect })

@@ -1,9 +1,9 @@
 //! Allowances for what is not the sensor: the uncertainty of the stated light, estimated from the
 //! scatter of the flats' means, and particle hits below the limit of detection.
 //!
-//! The light of a flat is known to a tenth of a per cent at best, unless the flats show otherwise: a
-//! sensor's response is smooth in the level, so the residuals of a quadratic fit to measured over
-//! stated light are the scatter of the lamp.
+//! The light of a flat is known to a tenth of a per cent at best, unless the flats show otherwise:
+//! a sensor's response is smooth in the level, so the residuals of a quadratic fit to measured
+//! over stated light are the scatter of the lamp.
 
 use super::statistic::{Key, Place, Values, What};
 use crate::data::design::{Condition, Design, same_temperature};
@@ -55,8 +55,9 @@ pub fn of_light(camera: &Camera, design: &Design, values: &Values) -> BTreeMap<K
 
 /// Standard deviations due to particles after exclusion of their events, on the scales of the
 /// statistics: relative variance, skewness, excess kurtosis. Charges below the limit of detection
-/// remain: at most 0.6 % of the variance and 0.1 of the kurtosis, for mean charges from 30 to 900 e⁻
-/// at a few hits per frame (numpy simulations of 12 sets each); skewness from the same simulations.
+/// remain: at most 0.6 % of the variance and 0.1 of the kurtosis, for mean charges from 30 to 900
+/// e⁻ at a few hits per frame (numpy simulations of 12 sets each); skewness from the same
+/// simulations.
 const UNDETECTED_HITS: [f64; 3] = [0.006, 0.03, 0.1];
 
 /// Allowances for undetected particle hits in dark and flat stacks.
@@ -73,8 +74,8 @@ pub fn of_hits(camera: &Camera, design: &Design) -> BTreeMap<Key, f64> {
     out
 }
 
-/// A note where the light of flats is less certain than that of a stabilised lamp, which weakens all
-/// evidence of nonlinearity.
+/// A note where the light of flats is less certain than that of a stabilised lamp, which weakens
+/// all evidence of nonlinearity.
 pub fn note(design: &Design, allowed: &BTreeMap<Key, f64>, values: &Values) -> Option<String> {
     let relative = |i: usize| {
         let key = (Place::Stack(i), What::Mean(0));
@@ -90,8 +91,8 @@ pub fn note(design: &Design, allowed: &BTreeMap<Key, f64>, values: &Values) -> O
     })
 }
 
-/// Relative scatter of the light of a flat, from the series of levels at its exposure, otherwise the
-/// largest from the series at other exposures: the lamp does not depend on the exposure.
+/// Relative scatter of the light of a flat, from the series of levels at its exposure, otherwise
+/// the largest from the series at other exposures: the lamp does not depend on the exposure.
 fn scatter_at(
     design: &Design,
     values: &Values,

@@ -2,9 +2,9 @@
 //! deviation.
 //!
 //! Values are in their own unit, so that those of replicates can be averaged and parameters be
-//! estimated from them; the [`Scale`](super::statistic::Scale) is the one on which they are normally
-//! distributed. Standard deviations are those of the sampling distributions (χ² for variances,
-//! binomial for counts), not of replicates, and so hold for a single set.
+//! estimated from them; the [`Scale`](super::statistic::Scale) is the one on which they are
+//! normally distributed. Standard deviations are those of the sampling distributions (χ² for
+//! variances, binomial for counts), not of replicates, and so hold for a single set.
 
 use super::collect::Collected;
 use super::maps::{self, MapKind};

@@ -1,5 +1,5 @@
-//! Nonlinearity of the converter, from the histograms of codes: waves with the periods of wrong bits,
-//! roughness, and missing codes.
+//! Nonlinearity of the converter, from the histograms of codes: waves with the periods of wrong
+//! bits, roughness, and missing codes.
 
 use super::collect::Collected;
 use super::noise::Summary;
@@ -19,8 +19,8 @@ const fn period(frequency: f64, name: &'static str) -> CodePeriod {
     CodePeriod { frequency, name }
 }
 
-/// The periods that are tested. A wrong bit k of the converter has a period of 2^(k+1) codes and odd
-/// harmonics.
+/// The periods that are tested. A wrong bit k of the converter has a period of 2^(k+1) codes and
+/// odd harmonics.
 pub const CODE_PERIODS: [CodePeriod; 5] = [
     period(0.5, "2"),
     period(0.25, "4"),
@@ -43,8 +43,8 @@ const MIN_SAMPLES_FOR_DIFFERENCES: f64 = 250.0;
 const MIN_SAMPLES_AROUND_MISSING: f64 = 30.0;
 /// Number of fourth differences above which their mean square is a statistic.
 const MIN_DIFFERENCES: f64 = 30.0;
-/// Ratio of the number of fourth differences to the effective sample size: 1 + 2 Σ ρ², as they share
-/// codes.
+/// Ratio of the number of fourth differences to the effective sample size: 1 + 2 Σ ρ², as they
+/// share codes.
 const CORRELATION_FACTOR: f64 = 2.3;
 
 /// The statistics of the codes of all stacks whose histograms are wide enough to be smooth.

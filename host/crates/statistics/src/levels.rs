@@ -6,9 +6,9 @@ use super::statistic::{Scale, What};
 use super::temporal::{Temporal, mean};
 use crate::data::channels::Channels;
 
-/// Mean of each channel: absolute where `reference` is `None`, otherwise relative to that stack, the
-/// reference dark, so that the mean of the offset pattern, which differs between sensors, counts
-/// once. The standard deviation is from the frames' means, rows and columns, and pixels.
+/// Mean of each channel: absolute where `reference` is `None`, otherwise relative to that stack,
+/// the reference dark, so that the mean of the offset pattern, which differs between sensors,
+/// counts once. The standard deviation is from the frames' means, rows and columns, and pixels.
 pub(super) fn means(
     t: &Temporal,
     reference: Option<&Temporal>,

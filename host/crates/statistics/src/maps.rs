@@ -14,8 +14,8 @@ use camrig_captures::Role;
 pub const SATURATED_FLAT: f64 = 1e-5;
 /// Smallest ratio of the long to the reference dark exposure from which dark current is measured.
 const LONG_OVER_SHORT: f64 = 2.0;
-/// Smallest ratio of the levels of the brightest and the middle flat from which the curvature of the
-/// response is measured.
+/// Smallest ratio of the levels of the brightest and the middle flat from which the curvature of
+/// the response is measured.
 const HIGH_OVER_MIDDLE: f64 = 1.5;
 
 /// A kind of map.
@@ -193,8 +193,8 @@ impl Maker<'_> {
         Some(self.map(MapKind::DarkCurrent, plane, true))
     }
 
-    /// Weighted slope Σ w µ s / Σ w µ² of each pixel's signal s against the level µ, relative to the
-    /// mean of its channel.
+    /// Weighted slope Σ w µ s / Σ w µ² of each pixel's signal s against the level µ, relative to
+    /// the mean of its channel.
     fn gain(&self, flats: &[usize]) -> Plane<f32> {
         let mut sum = vec![0.0f32; self.dark.mean.data.len()];
         for &i in flats {

@@ -12,8 +12,8 @@ use crate::numerics::tails;
 use camrig_base::median::median;
 use camrig_captures::Role;
 
-/// Share of saturated samples from which a stack's noise is not measured, because it is clipped. Half,
-/// because the effect of a smaller share is predicted by the model too.
+/// Share of saturated samples from which a stack's noise is not measured, because it is clipped.
+/// Half, because the effect of a smaller share is predicted by the model too.
 const SATURATED_STACK: f64 = 0.5;
 /// Pixel variance, DN², below which a stack has no noise: all samples have one code.
 const MIN_VARIANCE_DN2: f64 = 1e-3;
@@ -59,8 +59,8 @@ pub(super) struct Summary {
     skewness: f64,
     /// Excess kurtosis.
     kurtosis: f64,
-    /// Half the width, codes, of the central 68 % of the samples over pixels and time, insensitive to
-    /// outliers.
+    /// Half the width, codes, of the central 68 % of the samples over pixels and time, insensitive
+    /// to outliers.
     pub(super) width: f64,
 }
 
@@ -309,8 +309,9 @@ mod tests {
 
     #[test]
     fn outliers_do_not_widen_a_histogram() {
-        // A normal distribution of standard deviation 3 at 100, in 65536 samples. The density is taken
-        // as constant within a code, which shifts a quantile by up to a code times 1/(8 · 3).
+        // A normal distribution of standard deviation 3 at 100, in 65536 samples. The density is
+        // taken as constant within a code, which shifts a quantile by up to a code times 1/(8 ·
+        // 3).
         let mut histogram: Vec<u32> = (0..4096)
             .map(|code| {
                 let z = (f64::from(code) - 100.0) / 3.0;

@@ -9,8 +9,8 @@ use camrig_base::median::median;
 use camrig_base::tails;
 use std::f64::consts::FRAC_PI_2;
 
-/// The largest bin of a line's power is divided by this, because the median that it is compared with
-/// scatters too: that of 100 exponential bins by a tenth of their mean.
+/// The largest bin of a line's power is divided by this, because the median that it is compared
+/// with scatters too: that of 100 exponential bins by a tenth of their mean.
 const MEDIAN_SCATTER: f64 = 1.1;
 
 /// The statistics of a map; without smooth structure where the light may be uneven.

@@ -1,5 +1,5 @@
-//! Double ratios of the channels, in which the scatter of the lamp and the mean gain of each channel
-//! cancel.
+//! Double ratios of the channels, in which the scatter of the lamp and the mean gain of each
+//! channel cancel.
 //!
 //! With D_ic the mean above dark of channel c in flat i, r a reference flat, and g the channel
 //! with most light in i, (D_ic / D_rc) / (D_ig / D_rg) depends neither on the amount of light in
@@ -11,17 +11,17 @@ use super::temporal::Temporal;
 use crate::data::channels::Channels;
 use crate::data::design::{Condition, Design};
 
-/// Largest level of the reference flat relative to the brightest. Chosen between the brightest, which
-/// may be nonlinear near the full well, and much darker ones, which would add shot noise to every
-/// ratio.
+/// Largest level of the reference flat relative to the brightest. Chosen between the brightest,
+/// which may be nonlinear near the full well, and much darker ones, which would add shot noise to
+/// every ratio.
 const MAX_REFERENCE_LEVEL: f64 = 0.6;
 /// Relative variance of a ratio's denominators above which the ratio is not normally distributed: a
 /// standard deviation of a tenth.
 const MAX_RELATIVE_VARIANCE: f64 = 0.01;
 
-/// The reference flat: of the flats of known light up to `MAX_REFERENCE_LEVEL` of the brightest, the
-/// one with most light in its weakest channel. It depends on the design alone, so that measurement
-/// and replicates have the same one.
+/// The reference flat: of the flats of known light up to `MAX_REFERENCE_LEVEL` of the brightest,
+/// the one with most light in its weakest channel. It depends on the design alone, so that
+/// measurement and replicates have the same one.
 pub fn reference_flat(design: &Design) -> Option<usize> {
     let known = || design.conditions.iter().enumerate().filter(|(_, c)| c.is_known_flat());
     let most = |c: &Condition| c.photo_e.iter().copied().fold(0.0, f64::max);

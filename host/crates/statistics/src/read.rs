@@ -10,8 +10,8 @@ use camrig_sensor_core::config::Pattern;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Most frames of a stack that are in memory at once. The frames of a batch share a mean, which costs
-/// a degree of freedom.
+/// Most frames of a stack that are in memory at once. The frames of a batch share a mean, which
+/// costs a degree of freedom.
 const MAX_BATCH: usize = 32;
 
 /// Most pixels, over all stacks of a half, for which moments are computed in parallel: this takes
@@ -42,8 +42,8 @@ pub fn batches(frames: usize) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// The picture of every target, from the set's frames. `progress` is called with the number of frames
-/// just read.
+/// The picture of every target, from the set's frames. `progress` is called with the number of
+/// frames just read.
 ///
 /// # Errors
 /// Files that cannot be read.

@@ -1,7 +1,7 @@
 //! Fall-off of the channels of the gain map towards the corners.
 //!
-//! A least-squares fit of g = a (1 + k r²) over the pixels of a channel, with r the distance from the
-//! centre, 1 at the corners: k is the change at the corners due to the effects
+//! A least-squares fit of g = a (1 + k r²) over the pixels of a channel, with r the distance from
+//! the centre, 1 at the corners: k is the change at the corners due to the effects
 //! `relative-illumination` and `colour-shading`. Where the light itself may be uneven, only
 //! differences between channels, which all see the same light, belong to the sensor.
 
@@ -20,7 +20,8 @@ struct FallOff {
     variance: f64,
 }
 
-/// The k of each channel; where the light may be uneven, minus that of the channel with most pixels.
+/// The k of each channel; where the light may be uneven, minus that of the channel with most
+/// pixels.
 pub fn fall_offs(map: &Map, channels: &Channels) -> Vec<Statistic> {
     let sums = sums(map, channels);
     let shares = channels.shares();
@@ -83,8 +84,8 @@ fn sums(map: &Map, channels: &Channels) -> Vec<Sums> {
     out
 }
 
-/// The k of a channel. Its variance is from the noise of the channel's pixels and from the patterns of
-/// rows and columns, of which a channel with a share s of the pixels has about √s.
+/// The k of a channel. Its variance is from the noise of the channel's pixels and from the
+/// patterns of rows and columns, of which a channel with a share s of the pixels has about √s.
 fn fit(&[n, t, tt, g, tg, gg]: &Sums, map: &Map, share: f64) -> FallOff {
     let of_t = tt - t * t / n;
     let b = (tg - t * g / n) / of_t;

@@ -17,8 +17,8 @@ const OUTLIER: f64 = 5.5;
 /// Values are clipped at this many robust standard deviations before they are summed: a normal
 /// distribution loses 1.2·10⁻⁴ of its variance, and an outlier counts as much as 16 pixels at most.
 pub const CLIP: f64 = 4.0;
-/// Values are clipped at this multiple of [`CLIP`] while rows, columns and smooth terms are still in
-/// the map and widen its distribution.
+/// Values are clipped at this multiple of [`CLIP`] while rows, columns and smooth terms are still
+/// in the map and widen its distribution.
 const CLIP_OF_WHOLE_MAP: f64 = 1.5;
 /// Number of half waves over a map that count as smooth.
 pub const HALF_WAVES: usize = 4;
@@ -178,8 +178,8 @@ fn subtract_lines(d: &mut [f32], w: usize, h: usize, limit: f32, even: bool, s: 
     }
 }
 
-/// Counts the outliers among single pixels, and computes moments that include them. The limit is that
-/// of each channel: the gain map of a channel with less light has more noise.
+/// Counts the outliers among single pixels, and computes moments that include them. The limit is
+/// that of each channel: the gain map of a channel with less light has more noise.
 fn describe_outliers(d: &[f32], channels: &Channels, s: &mut Spatial) {
     let n = d.len() as f64;
     let limits: Vec<f64> =

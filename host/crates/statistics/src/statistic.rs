@@ -46,8 +46,8 @@ pub enum What {
     Mean(Channel),
     /// Ratio of a channel to the one with most light, divided by that of the reference flat.
     Ratio(Channel),
-    /// Variance over time of a channel's pixels, without the components of frames, rows and columns,
-    /// DN².
+    /// Variance over time of a channel's pixels, without the components of frames, rows and
+    /// columns, DN².
     Variance(Channel),
     /// Variance of the frames' means over that of white noise.
     FrameVariance,
@@ -218,8 +218,8 @@ impl Figure {
 }
 
 impl What {
-    /// Whether the standard deviation of the measured value counts in addition to that of replicates:
-    /// an outlier in a patch is a chance event, which the patch's kurtosis shows.
+    /// Whether the standard deviation of the measured value counts in addition to that of
+    /// replicates: an outlier in a patch is a chance event, which the patch's kurtosis shows.
     pub fn has_own_uncertainty(self) -> bool {
         matches!(self, Self::Of(Figure::PatchScatter(_)))
     }

@@ -57,8 +57,8 @@ pub struct Temporal {
 
 impl Temporal {
     /// Replaces the moments of the outermost pixels by those of the nearest inner ones at the same
-    /// position in the colour filter pattern: no model knows how the outermost pixels share light and
-    /// charge with the surroundings of the array.
+    /// position in the colour filter pattern: no model knows how the outermost pixels share light
+    /// and charge with the surroundings of the array.
     pub fn without_border(mut self, pattern: &Pattern) -> Self {
         let (w, h) = (self.width, self.height);
         let (across, down) = (usize::from(pattern.width), usize::from(pattern.height));
@@ -362,8 +362,8 @@ mod tests {
         let t = collector.finish().without_border(&pattern);
         let expected: Vec<f32> = (0..w * h).map(|i| f32::from(level(i))).collect();
         assert_eq!(t.mean.data, expected);
-        // Rows and columns at the border change by 200 DN, which affects the inner pixels only through
-        // the mean of the frame.
+        // Rows and columns at the border change by 200 DN, which affects the inner pixels only
+        // through the mean of the frame.
         let corner = t.pixel_variance[0];
         assert_eq!(corner, t.pixel_variance[2 * w + 2]);
         assert_eq!(t.pixel_variance[w - 1], t.pixel_variance[2 * w + w - 3]);

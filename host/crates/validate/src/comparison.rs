@@ -1,5 +1,5 @@
-//! Section VI of Chen et al. 2009 as one comparison: frames of a model and of an improved model with
-//! captured frames.
+//! Section VI of Chen et al. 2009 as one comparison: frames of a model and of an improved model
+//! with captured frames.
 
 use crate::paper::{
     CAPTURED, Captured, Differences, Figures, LEVELS, Level, Places, Taken, captured_camera,
@@ -55,8 +55,8 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Simulates and measures the frames of `model` and of the other sides. `progress` is called with
-    /// the number of cameras done and of all cameras.
+    /// Simulates and measures the frames of `model` and of the other sides. `progress` is called
+    /// with the number of cameras done and of all cameras.
     ///
     /// # Errors
     /// A capture set without the captures of the paper, frames of another size or colour filter
@@ -105,7 +105,8 @@ impl Comparison {
             comparable(&simulated.chart, &captured.chart)?;
         }
         let captured = Measured::of(captured, &places).map_err(|e| e.at("captured"))?;
-        // The given positions are those of the captured frames; simulated ones have the built-in ones.
+        // The given positions are those of the captured frames; simulated ones have the built-in
+        // ones.
         let model_side = Measured::of(modelled, &Places::default()).map_err(|e| e.at("model"))?;
         let better = better.map(|t| Measured::of(t, &Places::default())).transpose()?;
         let before = captured.figures.against(&model_side.figures)?;
@@ -132,9 +133,9 @@ impl Comparison {
         sides.into_iter().flatten().flat_map(|side| &side.taken.notes)
     }
 
-    /// Whether the comparison succeeds: with the substitute for the paper's module, if the differences
-    /// have the sizes that the paper reports and vanish with their causes; with captured frames or an
-    /// improved model, if no difference remains.
+    /// Whether the comparison succeeds: with the substitute for the paper's module, if the
+    /// differences have the sizes that the paper reports and vanish with their causes; with
+    /// captured frames or an improved model, if no difference remains.
     #[must_use]
     pub fn holds(&self) -> bool {
         match &self.after {

@@ -1,5 +1,5 @@
-//! The figures of a camera's data sheet, measured on simulated captures like on real ones: EMVA 1288,
-//! quantum efficiency through narrow-band filters, MTF, positional crosstalk.
+//! The figures of a camera's data sheet, measured on simulated captures like on real ones: EMVA
+//! 1288, quantum efficiency through narrow-band filters, MTF, positional crosstalk.
 
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
@@ -49,12 +49,12 @@ const EDGE_LUX: f64 = 300.0;
 /// Range of the search for the edge's exposure, s.
 const FIRST_EXPOSURE_S: f64 = 1e-3;
 const MAX_EXPOSURE_S: f64 = 10.0;
-/// Target for the signal of the edge's bright side as a fraction of the range, and the smallest that
-/// is accepted: noise decreases with light, and nothing saturates.
+/// Target for the signal of the edge's bright side as a fraction of the range, and the smallest
+/// that is accepted: noise decreases with light, and nothing saturates.
 const FILL: f64 = 0.5;
 const MIN_FILL: f64 = 0.3;
-/// Smallest and largest ratio of successive exposures of the search: it must proceed where the signal
-/// is hidden by rounding, and must not overshoot where a dark frame is uninformative.
+/// Smallest and largest ratio of successive exposures of the search: it must proceed where the
+/// signal is hidden by rounding, and must not overshoot where a dark frame is uninformative.
 const MIN_STEP: f64 = 1.5;
 const MAX_STEP: f64 = 20.0;
 
@@ -119,8 +119,8 @@ fn filters() -> String {
     text
 }
 
-/// Electrons per photon: signal above dark over K and photons, with the K of the small-signal photon
-/// transfer.
+/// Electrons per photon: signal above dark over K and photons, with the K of the small-signal
+/// photon transfer.
 fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<Efficiency>> {
     let level = |c| Ok::<_, Error>(Level::new(set, c, &Stack::read_moments(set, c)?));
     let none = || Error::input("no dark captures");

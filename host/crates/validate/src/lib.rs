@@ -1,5 +1,5 @@
-//! Validates a camera model: its simulated frames are measured like real ones, compared with captured
-//! frames, and described by a data sheet.
+//! Validates a camera model: its simulated frames are measured like real ones, compared with
+//! captured frames, and described by a data sheet.
 //!
 //! - [`paper`] has the scenes, light levels (lx), exposures (s) and figures of section VI of Chen
 //!   et al. 2009: MTF (cycles per pixel), standard deviation of the luminance per ColorChecker

@@ -31,8 +31,8 @@ pub struct Level {
     pub analog_gain: f64,
 }
 
-/// The paper's two levels, bright and dim. It does not state exposures and gains: these keep the white
-/// patch below saturation, and at 10 lx are typical of phones of its time.
+/// The paper's two levels, bright and dim. It does not state exposures and gains: these keep the
+/// white patch below saturation, and at 10 lx are typical of phones of its time.
 pub const LEVELS: [Level; 2] = [
     Level { lux: 300.0, exposure_s: 0.040, analog_gain: 1.0 },
     Level { lux: 10.0, exposure_s: 0.200, analog_gain: 4.0 },
@@ -50,7 +50,8 @@ const ROW: (usize, usize) = (510, 1536);
 /// Card of the built-in chart, sensor widths.
 const CARD_WIDTH: f64 = 0.8;
 
-/// Robust standard deviations above which a pixel of a patch is a defect: one of 5e8 Gaussian values.
+/// Robust standard deviations above which a pixel of a patch is a defect: one of 5e8 Gaussian
+/// values.
 const DEFECT_SIGMAS: f64 = 6.0;
 
 /// The built-in differences between the model and the module.
@@ -93,8 +94,8 @@ pub struct Taken {
     pub notes: Vec<String>,
 }
 
-/// Simulates the frames of cameras. Cameras with the same irradiance share the optics stage. `progress`
-/// is called after each camera.
+/// Simulates the frames of cameras. Cameras with the same irradiance share the optics stage.
+/// `progress` is called after each camera.
 ///
 /// # Errors
 /// Those of rendering.
@@ -248,8 +249,8 @@ pub struct Figures {
     pub profile: Profile,
     /// The row.
     pub row: usize,
-    /// Pixels of the patches at the dim level that deviate by more than six standard deviations, per
-    /// million.
+    /// Pixels of the patches at the dim level that deviate by more than six standard deviations,
+    /// per million.
     pub defects_per_million: f64,
 }
 
@@ -409,13 +410,13 @@ pub struct Differences {
 /// The differences that the paper reports for Table I, per cent.
 pub const REPORTED: Scatter = Scatter { all_percent: 8.0, without_dark_percent: 5.0 };
 
-/// Largest deviation of Table I from [`REPORTED`], per cent: half a per cent of rounding in the paper's
-/// figures, and 1 % by which two sensors of one kind differ on average.
+/// Largest deviation of Table I from [`REPORTED`], per cent: half a per cent of rounding in the
+/// paper's figures, and 1 % by which two sensors of one kind differ on average.
 const REPORTED_TOLERANCE_PERCENT: f64 = 0.5 + 1.0;
 
-/// Largest differences that are due to noise and to the spread between sensors of the same kind. Each
-/// is well below the difference due to its cause in `captured.toml` and above that of the same model
-/// with another seed; the test of this module has both.
+/// Largest differences that are due to noise and to the spread between sensors of the same kind.
+/// Each is well below the difference due to its cause in `captured.toml` and above that of the
+/// same model with another seed; the test of this module has both.
 mod no_difference {
     /// MTF50 of the edge, per cent.
     pub const MTF50_PERCENT: f64 = 2.0;
@@ -439,8 +440,8 @@ impl Differences {
             && near(found.without_dark_percent, REPORTED.without_dark_percent)
     }
 
-    /// Whether only noise and the spread between sensors of the same kind remain: MTF50 and brightness
-    /// to 2 %, Table I to 4 %, displacement to half a pixel, defects to a fifth.
+    /// Whether only noise and the spread between sensors of the same kind remain: MTF50 and
+    /// brightness to 2 %, Table I to 4 %, displacement to half a pixel, defects to a fifth.
     pub fn vanish(&self) -> bool {
         let [model, captured] = self.defects_per_million;
         self.mtf50_percent.abs() < no_difference::MTF50_PERCENT
@@ -500,9 +501,9 @@ pub fn comparable(model: &[Vec<RawFrame>; 2], captured: &[Vec<RawFrame>; 2]) -> 
 mod tests {
     use super::*;
 
-    /// The demonstration on a seventh of the pixels, with the tolerances of the sampling: Table I has
-    /// 560 samples per patch and frame, so a patch scatters by 3 % and the mean absolute difference by
-    /// 2 %.
+    /// The demonstration on a seventh of the pixels, with the tolerances of the sampling: Table I
+    /// has 560 samples per patch and frame, so a patch scatters by 3 % and the mean absolute
+    /// difference by 2 %.
     #[test]
     fn the_four_differences_appear_and_vanish() {
         let mut model = Camera::load("mt9t012").unwrap();

@@ -83,8 +83,8 @@ impl Noise {
             let mut classes: Vec<Vec<f32>> = vec![Vec::new(); CLASSES];
             let mut signals = [0.0f64; CLASSES];
             let top = (f64::from(limit_dn) * ratio) as f32;
-            // An odd step visits every column and channel; 250 000 differences determine the variance
-            // to 1 % per class.
+            // An odd step visits every column and channel; 250 000 differences determine the
+            // variance to 1 % per class.
             let step = (short.signal.data.len() >> 18) | 1;
             let both = short.signal.data.iter().zip(&long.signal.data).step_by(step);
             for (&x, &y) in both {

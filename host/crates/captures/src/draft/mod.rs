@@ -1,16 +1,17 @@
-//! Drafts a manifest from the frames of a folder: groups files into stacks and finds the conditions of
-//! each from metadata, names and levels.
+//! Drafts a manifest from the frames of a folder: groups files into stacks and finds the
+//! conditions of each from metadata, names and levels.
 //!
 //! Nothing is invented. [`Draft::text`] states the source of each value in a comment, and has
 //! [`UNKNOWN`](super::manifest::UNKNOWN) for required values without a source.
 //!
-//! - Exposure, gain, temperature and levels: from the file's own fields ([`camrig_formats::Taken`]),
-//!   otherwise from its sidecar file (`NAME.json` as written by libcamera's programs), otherwise from
-//!   the caller, otherwise, for exposures, from the name (`dark-010ms`).
-//! - Role: from the file's own fields (IMAGETYP of FITS), otherwise from the name, otherwise from the
-//!   levels of its first frame over a grid of blocks.
-//! - A stack: frames of one folder whose names differ only by a number, with the same role, exposure,
-//!   gain and level. A file of several frames is a stack.
+//! - Exposure, gain, temperature and levels: from the file's own fields
+//!   ([`camrig_formats::Taken`]), otherwise from its sidecar file (`NAME.json` as written by
+//!   libcamera's programs), otherwise from the caller, otherwise, for exposures, from the name
+//!   (`dark-010ms`).
+//! - Role: from the file's own fields (IMAGETYP of FITS), otherwise from the name, otherwise from
+//!   the levels of its first frame over a grid of blocks.
+//! - A stack: frames of one folder whose names differ only by a number, with the same role,
+//!   exposure, gain and level. A file of several frames is a stack.
 
 mod file;
 mod names;
@@ -73,8 +74,8 @@ const SIDECARS: [&str; 12] =
     ["toml", "json", "txt", "md", "csv", "html", "htm", "pdf", "xml", "yaml", "yml", "log"];
 
 impl Draft {
-    /// Drafts a manifest from every file in `folder` and below. `progress` is called after each file
-    /// with the number of all files.
+    /// Drafts a manifest from every file in `folder` and below. `progress` is called after each
+    /// file with the number of all files.
     ///
     /// # Errors
     /// A folder that cannot be read or has no frames, frames of several sizes.

@@ -72,8 +72,8 @@ pub fn role(path: &Path) -> Option<Found<NamedRole>> {
     parts(path).into_iter().find_map(|part| Some(Found { value: role_of(&part)?, part }))
 }
 
-/// The exposure time that a path names (`dark-010ms`, `6300us`, `flat_1.5s`), s, in the part nearest
-/// to the file that has exactly one.
+/// The exposure time that a path names (`dark-010ms`, `6300us`, `flat_1.5s`), s, in the part
+/// nearest to the file that has exactly one.
 pub fn exposure_s(path: &Path) -> Option<Found<f64>> {
     parts(path).into_iter().find_map(|part| match durations(&part)[..] {
         [value] => Some(Found { value, part }),

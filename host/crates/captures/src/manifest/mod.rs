@@ -19,8 +19,8 @@ pub use write::ManifestWriter;
 /// lists all placeholders.
 pub const UNKNOWN: &str = "?";
 
-/// A capture set: the sensor that took its frames, and under which conditions. Paths are relative to
-/// the file.
+/// A capture set: the sensor that took its frames, and under which conditions. Paths are relative
+/// to the file.
 #[derive(Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {

@@ -33,8 +33,8 @@ const LN_POWER: [f64; 2] = [-6.0, 4.0];
 /// Steps of the golden section over that range, each 0.62 of the one before: 5e-6 is left.
 const STEPS: usize = 30;
 
-/// `periodic-pattern-noise`: amplitude and frequencies of a plane wave, in addition to others that the
-/// model has.
+/// `periodic-pattern-noise`: amplitude and frequencies of a plane wave, in addition to others that
+/// the model has.
 pub fn periodic(e: &Evidence<'_>) -> Option<Proposal> {
     let (stack, _) = e.of_role(Role::Dark).max_by_key(|(_, c)| c.stack.frames)?;
     let place = Place::Stack(stack);

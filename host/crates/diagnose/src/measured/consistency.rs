@@ -24,8 +24,8 @@ const MIN_STACKS: usize = 5;
 const MAX_OFF: usize = 2;
 /// Share of saturated samples from which a flat's mean and noise are not those of its light.
 pub(super) const SATURATED: f64 = 0.01;
-/// Variance of shot noise over that of read noise and rounding from which a stack's noise determines
-/// its gain.
+/// Variance of shot noise over that of read noise and rounding from which a stack's noise
+/// determines its gain.
 const SHOT_NOISE_LIMITED: f64 = 2.0;
 /// Differences of neighbouring pixels are clipped at this multiple of their median magnitude, so
 /// that defective pixels do not decide.

@@ -14,8 +14,8 @@ const GROSS_SCATTER: f64 = 5.4;
 /// Standard deviations by which a prediction must change to be different: four pairs of replicates
 /// do not resolve less.
 const MOVED_SD: f64 = 3.0;
-/// Ratio of predicted standard deviations from which predictions are different: above the 80 % point
-/// of the uncertainty of a scatter from few replicates.
+/// Ratio of predicted standard deviations from which predictions are different: above the 80 %
+/// point of the uncertainty of a scatter from few replicates.
 const WIDENED: f64 = 1.5;
 /// Variance below which a statistic has no scatter but that of rounding.
 const MIN_VARIANCE: f64 = 1e-24;
@@ -61,8 +61,8 @@ impl Predicted {
         tails::count(seen, self.total, self.runs)
     }
 
-    /// Degrees of freedom of a mean of squares: those of its scatter over replicates, at most those of
-    /// white noise.
+    /// Degrees of freedom of a mean of squares: those of its scatter over replicates, at most
+    /// those of white noise.
     pub fn dof(&self) -> f64 {
         match self.scale {
             Scale::CubeRoot => {
@@ -118,8 +118,8 @@ impl Prediction {
     }
 
     /// This prediction plus the difference that a change of the model makes to replicates with the
-    /// same random numbers. Effects that draw more random numbers differ by chance in many statistics,
-    /// which together would decide for or against them: such differences are shrunk.
+    /// same random numbers. Effects that draw more random numbers differ by chance in many
+    /// statistics, which together would decide for or against them: such differences are shrunk.
     pub fn moved(&self, before: &[Values], after: &[Values]) -> Self {
         let changed = Self::new(after);
         let unchanged = Self::new(before);
@@ -143,8 +143,9 @@ impl Prediction {
         Self { of }
     }
 
-    /// Statistics that never change in the model, for example because all its samples have one code,
-    /// and were measured to be different: the deviation cannot be expressed in standard deviations.
+    /// Statistics that never change in the model, for example because all its samples have one
+    /// code, and were measured to be different: the deviation cannot be expressed in standard
+    /// deviations.
     pub fn never_changes(&self, values: &Values) -> Vec<Key> {
         let differs = |(key, s): (&Key, &Statistic)| {
             let p = self.of.get(key)?;

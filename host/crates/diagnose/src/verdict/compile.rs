@@ -46,8 +46,8 @@ pub fn report(measured: &Measured, outcome: &Outcome) -> Report {
     };
     let start_up_alone = outcome.shapes.iter().all(|s| s.form == Form::FrameCurve);
     let status = |kind: &str| match confounded(kind) {
-        // A shape has no known cause: it may include part of an effect that is named with it, or the
-        // reverse. No effect of the catalogue varies over the frames as a start-up does.
+        // A shape has no known cause: it may include part of an effect that is named with it, or
+        // the reverse. No effect of the catalogue varies over the frames as a start-up does.
         false if verdict == Verdict::Explained && start_up_alone => Status::Confirmed,
         _ => Status::Tentative,
     };

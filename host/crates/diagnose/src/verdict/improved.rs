@@ -182,8 +182,8 @@ fn changes(place: &str, old: &toml::Table, new: &toml::Table, out: &mut String) 
 }
 
 /// Makes a camera file's text independent of its folder: the tables that it names, except those of
-/// effects, are returned with it under their names; the path of a lens becomes absolute. `spec` is how
-/// the camera was named.
+/// effects, are returned with it under their names; the path of a lens becomes absolute. `spec` is
+/// how the camera was named.
 ///
 /// # Errors
 /// A table that cannot be read.

@@ -1,4 +1,5 @@
-//! The result of a search: the verdict, the report with its sentences, and the improved camera file.
+//! The result of a search: the verdict, the report with its sentences, and the improved camera
+//! file.
 
 mod ambiguity;
 mod compile;

@@ -44,8 +44,8 @@ const DARKEST_EMISSION: f64 = -30.0;
 /// Steps after which the search ends: beside the faces of the cube u goes on to move where it is
 /// large, and reflectances hardly change.
 const MAX_STEPS: usize = 60;
-/// Steps after which a residual that is still large means that no spectrum has the colour: those that
-/// have one come within it in ten.
+/// Steps after which a residual that is still large means that no spectrum has the colour: those
+/// that have one come within it in ten.
 const TRIED_STEPS: usize = 20;
 const FAR: f64 = 1e-2;
 /// Halvings of a step before it is given up.

@@ -27,8 +27,8 @@ const CENTRE: f64 = 0.05;
 /// Smallest signal at the centre in standard errors. All factors are divided by it: below 5 their
 /// error would exceed 20 %.
 const MIN_SIGNAL: f64 = 5.0;
-/// χ² per sample above which a scan is inconsistent with the grid: with 30 samples, 2 is exceeded by
-/// chance once in a thousand scans.
+/// χ² per sample above which a scan is inconsistent with the grid: with 30 samples, 2 is exceeded
+/// by chance once in a thousand scans.
 const INCONSISTENT_CHI2: f64 = 2.0;
 /// Smallest rms difference of a scan and the grid, per cent, that is noted: about the error of one
 /// region's signal.

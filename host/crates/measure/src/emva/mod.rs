@@ -3,8 +3,8 @@
 //! The standard's model is a linear camera: the temporal noise is shot noise, dark noise and
 //! quantisation, scaled by K. The figures follow the standard's own estimators (unweighted fits
 //! over its ranges), so that they are comparable with data sheets; [`Checked::warnings`] reports
-//! where the sensor does not meet the standard's assumptions, with the results of the photon transfer
-//! without them ([`super::transfer`]).
+//! where the sensor does not meet the standard's assumptions, with the results of the photon
+//! transfer without them ([`super::transfer`]).
 //!
 //! Sections of the standard (release 4.0 linear): noise model 2.4, SNR 2.6, threshold eq. 27, dark
 //! current 3, two-frame temporal variance eq. 18, photon transfer 6.6, non-uniformities 4 and 8;

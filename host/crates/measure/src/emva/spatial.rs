@@ -14,8 +14,9 @@ use camrig_base::Result;
 /// subtracted is larger than the patterns of most sensors.
 const MIN_FRAMES: usize = 3;
 
-/// Standard errors by which a level above the saturated one, the level of largest temporal variance,
-/// must have less variance to be past saturation: by chance, one in 700 of equally bright levels.
+/// Standard errors by which a level above the saturated one, the level of largest temporal
+/// variance, must have less variance to be past saturation: by chance, one in 700 of equally
+/// bright levels.
 const LESS_VARIANCE: f64 = 3.0;
 
 /// The stacks for the spatial figures, as indices into the selection.
@@ -74,8 +75,8 @@ impl SpatialPair {
     }
 }
 
-/// Whether a level is past saturation in a channel, given its saturated level: it has samples at the
-/// white level or, with a full well below it, less variance than darker levels.
+/// Whether a level is past saturation in a channel, given its saturated level: it has samples at
+/// the white level or, with a full well below it, less variance than darker levels.
 fn is_past(levels: &[&Level], level: usize, channel: usize, saturation: usize) -> bool {
     let (m, at) = (&levels[level].channels[channel], &levels[saturation].channels[channel]);
     let error = libm::hypot(at.temporal_error, m.temporal_error);
@@ -110,9 +111,9 @@ fn high_passed(dark: &Stack, flat: &Stack) -> f64 {
 const CONTRADICTS: f64 = 3.0;
 
 /// Row, column and pixel part of a total variance as the standard splits it: their sum is the
-/// total (release 4.0, section 8.2). The estimate of a part smaller than its error can be negative: it
-/// is not determined, and the others are scaled to the total. A significantly negative part
-/// contradicts the total, and none is determined.
+/// total (release 4.0, section 8.2). The estimate of a part smaller than its error can be
+/// negative: it is not determined, and the others are scaled to the total. A significantly
+/// negative part contradicts the total, and none is determined.
 fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<f64>; 3] {
     let contradicted = parts.iter().any(|v| v.value < -CONTRADICTS * v.std_error);
     if total <= 0.0 || contradicted {

@@ -88,8 +88,8 @@ pub(super) fn set_warnings(
     out
 }
 
-/// Smallest correlation coefficient that causes a warning: it biases K by four times its value, here
-/// about 1 %.
+/// Smallest correlation coefficient that causes a warning: it biases K by four times its value,
+/// here about 1 %.
 const MIN_CORRELATION: f64 = 0.002;
 
 /// Warnings about correlated noise of neighbouring pixels in a capture whose moments are `stack`.

@@ -20,10 +20,10 @@
 //! are two pixels apart, but the bins are finer, so that its curve also extends beyond its own
 //! Nyquist frequency. The standard error is a jackknife over blocks of rows.
 //!
-//! For several frames of one edge, the edge spread functions are averaged: each relative to the edge
-//! fitted in its frame, so that a camera that moves by a fraction of a pixel causes no blur, and with
-//! its sides scaled to the mean levels, so that a flickering lamp has no effect. [`find_edges`] finds
-//! the regions.
+//! For several frames of one edge, the edge spread functions are averaged: each relative to the
+//! edge fitted in its frame, so that a camera that moves by a fraction of a pixel causes no blur,
+//! and with its sides scaled to the mean levels, so that a flickering lamp has no effect.
+//! [`find_edges`] finds the regions.
 
 mod line;
 mod search;
@@ -46,12 +46,12 @@ const OVERSAMPLING: f64 = 4.0;
 /// Fraction of the Tukey window that is tapered, half on each side (ISO 12233:2023).
 const TUKEY_ALPHA: f64 = 1.0;
 
-/// Robust standard deviations above which a sample is from a defective pixel: Gaussian noise exceeds
-/// four once in 16,000 samples, several times the samples of a region.
+/// Robust standard deviations above which a sample is from a defective pixel: Gaussian noise
+/// exceeds four once in 16,000 samples, several times the samples of a region.
 const DEFECT: f64 = 4.0;
 
-/// Number of samples at similar distances from the edge with whose median a sample is compared: enough
-/// for a robust median, few compared with the edge's width.
+/// Number of samples at similar distances from the edge with whose median a sample is compared:
+/// enough for a robust median, few compared with the edge's width.
 const NEIGHBOURS: usize = 11;
 
 /// Blocks of rows for the jackknife: ten give its error to about a quarter.
@@ -65,9 +65,9 @@ const MIN_ROWS: usize = 10;
 const MIN_RANGE_DN: f64 = 8.0;
 /// Share of samples at the white level, or at 0 DN, from which a side counts as clipped.
 const CLIPPED_SHARE: f64 = 0.005;
-/// Share of a side's samples at its extreme value above which it is clipped, where the white level is
-/// unknown: half of symmetric noise is beyond its mean, so clipping there or further in affects at
-/// least as many samples.
+/// Share of a side's samples at its extreme value above which it is clipped, where the white level
+/// is unknown: half of symmetric noise is beyond its mean, so clipping there or further in affects
+/// at least as many samples.
 const ONE_VALUE_SHARE: f64 = 0.5;
 /// Smallest scatter of samples, DN, for the limit of defects in noiseless frames.
 const MIN_SCATTER_DN: f64 = 1e-9;
@@ -132,8 +132,8 @@ pub struct Edge {
     pub field: f64,
     /// MTF50 in cycles per millimetre, where the pitch is known.
     pub mtf50_cycles_per_mm: Option<f64>,
-    /// Response at 0.5 cycles per pixel; `None` where the curve ends before, as for sparsely sampled
-    /// channels.
+    /// Response at 0.5 cycles per pixel; `None` where the curve ends before, as for sparsely
+    /// sampled channels.
     pub mtf_at_nyquist: Option<f64>,
     /// (cycles per pixel, response) from 0 to 1 cycle per pixel, or as far as the samples allow.
     pub curve: Vec<[f64; 2]>,

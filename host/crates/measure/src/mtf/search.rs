@@ -8,11 +8,12 @@ use rayon::prelude::*;
 const SIDE: usize = 80;
 /// Number of search steps per side: an edge that is cut off in one region is complete in the next.
 const STEPS: usize = 4;
-/// Smallest contrast of an edge relative to the largest in the frame: texture has less than a target.
+/// Smallest contrast of an edge relative to the largest in the frame: texture has less than a
+/// target.
 const MIN_CONTRAST: f64 = 0.3;
 
-/// Non-overlapping regions with one slanted edge each that [`measure`] accepts in this channel, from the
-/// top of the frame down.
+/// Non-overlapping regions with one slanted edge each that [`measure`] accepts in this channel,
+/// from the top of the frame down.
 pub fn find_edges(
     frame: &Plane<u16>,
     cfa: &Cfa,

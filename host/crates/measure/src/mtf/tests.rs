@@ -380,8 +380,8 @@ fn noisy_edge(side: usize, away: f64) -> Plane<u16> {
     Plane { width: side, height: side, data: values.iter().map(one).collect() }
 }
 
-/// A quarter of the region is beyond the edge and clipped at an unknown level, which its own samples
-/// show.
+/// A quarter of the region is beyond the edge and clipped at an unknown level, which its own
+/// samples show.
 #[test]
 fn a_clipped_minority_side_is_refused() {
     let whole_range = noisy_edge(100, 30.0);

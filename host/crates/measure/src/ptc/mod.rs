@@ -145,8 +145,8 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
     let remarks = remarks::of_ladder(set, selection, &darks, &flats.levels, MIN_EXPOSURES);
     notes.extend(remarks);
     notes.extend(ladder::codes(&darks, &flats.levels).note());
-    // The longest stack has the least noise in its fixed patterns; of several, that with the longest
-    // exposure.
+    // The longest stack has the least noise in its fixed patterns; of several, that with the
+    // longest exposure.
     let longest = (0..darks.len()).max_by(|&a, &b| {
         let key = |i: usize| (darks[i].channels[0].frames, darks[i].exposure_s);
         key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)

@@ -324,8 +324,8 @@ impl Page {
         })
     }
 
-    /// Adds the opening of a page: text, and to its right a headline figure; on a phone and in print
-    /// the text is above.
+    /// Adds the opening of a page: text, and to its right a headline figure; on a phone and in
+    /// print the text is above.
     pub fn opening(
         &mut self,
         words: impl FnOnce(&mut Self),

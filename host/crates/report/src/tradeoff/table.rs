@@ -103,8 +103,8 @@ pub(super) struct Setting {
 }
 
 impl Setting {
-    /// Mean of a figure. The standard error comes from the scatter of two pictures or more; a single
-    /// picture has its own, if any.
+    /// Mean of a figure. The standard error comes from the scatter of two pictures or more; a
+    /// single picture has its own, if any.
     pub fn mean(&self, figure: &Figure) -> Option<Measured> {
         let values = self.figures.get(figure.key).filter(|values| !values.is_empty())?;
         if let [one] = values[..] {

@@ -8,8 +8,8 @@ use camrig_captures::{Capture, CaptureSet, Role};
 const MIN_DIVIDED: usize = 4;
 /// Shortest stack with noise, frames.
 const MIN_FRAMES: usize = 2;
-/// Number of short flats, or of short darks, from which they alternate: with fewer, neither half has
-/// a series.
+/// Number of short flats, or of short darks, from which they alternate: with fewer, neither half
+/// has a series.
 const MIN_LEVELS: usize = 6;
 
 /// A short stack and the halves that it belongs to.

@@ -3,9 +3,9 @@
 use camrig_camera::Camera;
 use camrig_clean::Cleaned;
 
-/// The camera for a cleaned set: where samples were divided by a step and the camera has the bits of
-/// the undivided samples, its bits are reduced to those that vary, and its gain, DN per electron, is
-/// divided by the step. A camera with the reduced bits is returned unchanged.
+/// The camera for a cleaned set: where samples were divided by a step and the camera has the bits
+/// of the undivided samples, its bits are reduced to those that vary, and its gain, DN per
+/// electron, is divided by the step. A camera with the reduced bits is returned unchanged.
 pub fn camera_of(camera: &Camera, cleaned: &Cleaned) -> Camera {
     let mut camera = camera.clone();
     let Some(step) = cleaned.step() else { return camera };

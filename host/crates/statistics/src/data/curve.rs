@@ -5,8 +5,8 @@ use super::design::{Condition, Design};
 use camrig_clean::{CurveShape, FrameCurve};
 
 /// Gives the stacks of a design the variation of a curve. Where the light drifts, the light of each
-/// stack becomes the mean over its frames; the mean over the whole capture is taken to be the stated
-/// light.
+/// stack becomes the mean over its frames; the mean over the whole capture is taken to be the
+/// stated light.
 pub fn apply(design: &mut Design, curve: &FrameCurve) {
     for c in &mut design.conditions {
         if curve.of_light {
@@ -54,9 +54,9 @@ fn range(curve: &FrameCurve, n: usize) -> (f64, f64) {
     (low, factors.iter().copied().fold(0.0, f64::max))
 }
 
-/// Where the light drifts, takes the stated light as that of the frame at which the model's response
-/// agrees best; `ratios` are those of the measured to the model's signal. Such a set determines the
-/// response no better than the range of the drift.
+/// Where the light drifts, takes the stated light as that of the frame at which the model's
+/// response agrees best; `ratios` are those of the measured to the model's signal. Such a set
+/// determines the response no better than the range of the drift.
 pub fn set_stated_light(design: &mut Design, curve: &FrameCurve, ratios: &mut [f64]) {
     if !curve.of_light || ratios.is_empty() {
         return;

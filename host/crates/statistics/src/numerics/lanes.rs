@@ -1,5 +1,5 @@
-//! Sums of many `f32` in a fixed number of lanes, so that processors can vectorise them with the same
-//! result on every machine, and rounding errors stay small.
+//! Sums of many `f32` in a fixed number of lanes, so that processors can vectorise them with the
+//! same result on every machine, and rounding errors stay small.
 
 const LANES: usize = 16;
 

@@ -1,8 +1,8 @@
 //! Minimises functions of one and two variables within ranges, without derivatives.
 //!
-//! The functions are negative log-likelihoods and sums of squares: cheap and smooth, but with valleys
-//! that a descent from one start may miss. Hence a grid that contracts, and golden section where
-//! there is a single minimum.
+//! The functions are negative log-likelihoods and sums of squares: cheap and smooth, but with
+//! valleys that a descent from one start may miss. Hence a grid that contracts, and golden section
+//! where there is a single minimum.
 
 /// Contractions of the grid of [`lowest`]: the last step is 0.4⁷ of the first, 1/600.
 const CONTRACTIONS: usize = 8;
@@ -10,8 +10,8 @@ const CONTRACTIONS: usize = 8;
 /// contains the neighbours of the point that it contracts to.
 const CONTRACTION: f64 = 0.4;
 
-/// The minimum of a function of two variables within ranges: on nine by nine points over the ranges,
-/// then on as many around the lowest of them, closer together.
+/// The minimum of a function of two variables within ranges: on nine by nine points over the
+/// ranges, then on as many around the lowest of them, closer together.
 pub fn lowest(of: impl Fn(f64, f64) -> f64, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> (f64, f64) {
     let (mut x, mut y) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
     let (mut dx, mut dy) = ((x1 - x0) / 8.0, (y1 - y0) / 8.0);

@@ -81,8 +81,8 @@ impl Spectrum2 {
     }
 }
 
-/// The continuum of a two-dimensional power spectrum in the layout of [`Spectrum2`]: the larger of the
-/// median of each bin's tile and that of all bins. Spectral lines are relative to it.
+/// The continuum of a two-dimensional power spectrum in the layout of [`Spectrum2`]: the larger of
+/// the median of each bin's tile and that of all bins. Spectral lines are relative to it.
 pub struct Background {
     /// Bins along a row.
     width: usize,
@@ -140,7 +140,8 @@ mod tests {
     fn a_line_is_found_on_a_continuum() {
         let (columns, height) = (256, 192);
         let width = columns / 2 + 1;
-        // A peak at low frequencies of a hundred times the rest, and a line of a tenth of it elsewhere.
+        // A peak at low frequencies of a hundred times the rest, and a line of a tenth of it
+        // elsewhere.
         let mut power: Vec<f32> = (0..width * height)
             .map(|i| {
                 let (k, l) = (i % width, i / width);

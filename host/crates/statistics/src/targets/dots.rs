@@ -323,7 +323,8 @@ mod tests {
 
     #[test]
     fn distorted_dots_are_followed_and_measured() {
-        // 8 % at the corner: the outer dots are nearly a pitch from their position in an ideal grid.
+        // 8 % at the corner: the outer dots are nearly a pitch from their position in an ideal
+        // grid.
         for k1 in [0.0, -0.03, 0.08] {
             let frame = grid_of_discs(k1);
             let grid = Grid::new(&frame, 12.0);

@@ -14,8 +14,8 @@ pub struct Picture {
     pub mean: Plane<f32>,
     /// Number of frames.
     pub frames: usize,
-    /// Variance of the luminance within each patch of a ColorChecker, DN², averaged over the frames;
-    /// empty for other targets.
+    /// Variance of the luminance within each patch of a ColorChecker, DN², averaged over the
+    /// frames; empty for other targets.
     pub patch_variance: Vec<f64>,
 }
 
