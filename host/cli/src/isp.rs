@@ -1,7 +1,7 @@
 //! `camrig isp`: a chart through the camera and real raw converters, compared with the truth.
 
 use super::arguments::{CameraArgs, DeviceArgs, WARN_SATURATED, duration, positive};
-use super::simulate::ViewArgs;
+use super::view_args::ViewArgs;
 use camrig_base::output;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::{Facts, Format, Frames, preview};

@@ -38,6 +38,7 @@ mod expose;
 mod frame_sink;
 mod isp;
 mod lens;
+mod listen;
 mod live;
 mod measure;
 mod notes;
@@ -60,6 +61,7 @@ mod stop;
 mod times;
 mod validate;
 mod view;
+mod view_args;
 
 use camrig_base::{Result, output};
 use clap::{Parser, Subcommand};

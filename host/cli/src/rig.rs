@@ -1,5 +1,6 @@
 //! `camrig rig`: use rigs, or emulate one.
 
+use super::listen;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_render::Arithmetic;
@@ -303,25 +304,10 @@ fn serve_tcp(
              write its registers and take its frames"
         }
     };
-    remote(address, args.allow_remote, opens)?;
+    listen::remote(address, args.allow_remote, opens)?;
     let query = token.as_ref().map_or(String::new(), |t| format!("?token={}", t.secret()));
     let listening = |address: &str| ready(format!("tcp://{address}{query}"));
     rig::serve::tcp(address, token, emulator, listening, link_failed)
-}
-
-/// Refuses an address that other machines can reach, unless that is allowed; then prints what they
-/// can do.
-pub(super) fn remote(address: &str, allowed: bool, opens: &str) -> Result<()> {
-    if !rig::serve::is_open_to_others(address) {
-        return Ok(());
-    }
-    let what = format!("other machines on the network can {opens}");
-    if !allowed {
-        return Err(Error::input(format!("{address} is not on the loopback interface: {what}"))
-            .help("listen on 127.0.0.1:PORT, or allow it with --allow-remote"));
-    }
-    eprintln!("note: {address}: {what}");
-    Ok(())
 }
 
 fn link_failed(why: ServeError<std::io::Error>) {

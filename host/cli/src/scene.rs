@@ -1,6 +1,6 @@
 //! `camrig scene`: lists, shows, stores and exports scenes.
 
-use super::scene_info::{InfoArgs, info};
+use super::scene_info::{ANY_ASPECT, CHART_WIDTH, InfoArgs, info, whole};
 use super::{arguments, calibrate};
 use camrig_base::numbers::counted;
 use camrig_base::output;
@@ -11,7 +11,7 @@ use camrig_light::photometry::white_radiance;
 use camrig_light::{Illuminant, LightLevel};
 use camrig_render::{DEFAULT_ILLUMINANT, radiance_at};
 use camrig_scene::level::check_absolute;
-use camrig_scene::{Grid, Quantity, Scene, chart, preview};
+use camrig_scene::{Quantity, Scene, chart, preview};
 use camrig_scene_files::library::{Library, describe};
 use camrig_scene_files::{envi, isetcam};
 use clap::Subcommand;
@@ -187,20 +187,6 @@ fn list(args: &ListArgs) -> Result<()> {
         );
     }
     Ok(())
-}
-
-/// Width in cells of the grid on which charts are sampled. A trade-off: a chart's figures hardly
-/// change with more cells, and it is drawn quickly.
-pub(super) const CHART_WIDTH: usize = 640;
-
-/// Aspect ratio of the grid for scenes of any size.
-const ANY_ASPECT: f64 = 4.0 / 3.0;
-
-/// A grid over the whole scene, `width` cells across.
-pub(super) fn whole(scene: &dyn Scene, width: usize) -> Grid {
-    let cell = 1.0 / width as f64;
-    let height = (width as f64 / scene.aspect().unwrap_or(ANY_ASPECT)).round().max(1.0) as usize;
-    Grid { width, height, left: -0.5, top: -0.5 * height as f64 * cell, cell }
 }
 
 fn show(args: &ShowArgs) -> Result<()> {

@@ -1,7 +1,6 @@
 //! `camrig scene info`: shows on one screen how a scene was read, what was assumed and ignored, and
 //! the range of its bands.
 
-use super::scene::{CHART_WIDTH, whole};
 use super::{arguments, screen};
 use camrig_base::Result;
 use camrig_base::numbers::counted;
@@ -122,4 +121,18 @@ fn figures(scene: &dyn Scene, grid: &Grid) -> Result<Vec<(f64, f32, f64, f32)>> 
     }
     bar.finish_and_clear();
     Ok(figures)
+}
+
+/// Width in cells of the grid on which charts are sampled. A trade-off: a chart's figures hardly
+/// change with more cells, and it is drawn quickly.
+pub const CHART_WIDTH: usize = 640;
+
+/// Aspect ratio of the grid for scenes of any size.
+pub const ANY_ASPECT: f64 = 4.0 / 3.0;
+
+/// A grid over the whole scene, `width` cells across.
+pub fn whole(scene: &dyn Scene, width: usize) -> Grid {
+    let cell = 1.0 / width as f64;
+    let height = (width as f64 / scene.aspect().unwrap_or(ANY_ASPECT)).round().max(1.0) as usize;
+    Grid { width, height, left: -0.5, top: -0.5 * height as f64 * cell, cell }
 }

@@ -1,11 +1,10 @@
 //! The light of frame after frame: of a still scene, a moving one, or a sequence.
 
-use super::arguments::{duration, frames_per_s};
 use super::notes::Notes;
 pub use super::sequence_lights::NextLight;
 use super::sequence_lights::Sequence;
-use super::simulate::ViewArgs;
 use super::times::{Times, refuse_regions};
+use super::view_args::ViewArgs;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
@@ -13,69 +12,8 @@ use camrig_exposure::IrradianceCube;
 use camrig_light::Lamps;
 use camrig_light::lamp::Region;
 use camrig_render::{MotionStage, OpticsOutput, SequenceStage};
-use camrig_scene_files::sequence::{self, Reading};
+use camrig_scene_files::sequence;
 use serde_json::{Value, json};
-use std::time::Duration;
-
-/// How a changing scene is read and shown.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct SequenceArgs {
-    /// Frame rate of a sequence, frames/s (24, 29.97, 30000/1001), if it does not state one
-    #[arg(long, value_name = "HZ", value_parser = frames_per_s)]
-    pub scene_rate: Option<f64>,
-    /// Repeat a sequence endlessly
-    #[arg(long = "loop")]
-    pub repeats: bool,
-    /// Take the files of a folder while another program writes them, until a file called `end`
-    /// appears or nothing new has arrived for the time given by --wait
-    #[arg(long)]
-    pub watch: bool,
-    /// How long --watch waits for the next file, s or with a unit [default: 60 s]
-    #[arg(long, value_name = "TIME", value_parser = seconds, requires = "watch")]
-    pub wait: Option<f64>,
-    /// Longest silence of a stream, s or with a unit [default: 5 s]
-    #[arg(long, value_name = "TIME", value_parser = seconds)]
-    pub stall: Option<f64>,
-}
-
-/// Default of the time that a watched folder may stay unchanged, s. A trade-off: renderers take
-/// minutes for a frame, but one that was stopped should not be waited for much longer.
-const WAIT_S: f64 = 60.0;
-
-/// Reads seconds, with a unit or without.
-fn seconds(text: &str) -> Result<f64, String> {
-    text.parse::<f64>().map_or_else(|_| duration(text), |_| duration(&format!("{text}s")))
-}
-
-impl SequenceArgs {
-    fn reading(&self) -> Reading {
-        let usual = Reading::default();
-        Reading {
-            rate_hz: self.scene_rate,
-            watch: self.watch.then(|| Duration::from_secs_f64(self.wait.unwrap_or(WAIT_S))),
-            stall: self.stall.map_or(usual.stall, Duration::from_secs_f64),
-        }
-    }
-
-    /// Whether the scene of that name is a sequence. Refuses options of a sequence for a still
-    /// scene.
-    pub fn is_sequence(&self, scene: &str) -> Result<bool> {
-        if sequence::is_sequence(scene, &self.reading())? {
-            return Ok(true);
-        }
-        let given = [
-            (self.scene_rate.is_some(), "--scene-rate"),
-            (self.repeats, "--loop"),
-            (self.watch, "--watch"),
-            (self.stall.is_some(), "--stall"),
-        ];
-        match given.into_iter().find(|(given, _)| *given) {
-            None => Ok(false),
-            Some((_, flag)) => Err(Error::input(format!("{flag} for {scene:?}, a still scene"))
-                .help("it applies to a folder of pictures or cubes, or to video")),
-        }
-    }
-}
 
 /// Name of a sequence in messages before it is open.
 fn named(scene: &str) -> &str {

@@ -129,7 +129,7 @@ impl Sequence {
             }
         };
         told.tell(output.notes.iter().cloned());
-        super::simulate::tell_optics(&output, told);
+        super::view_args::tell_optics(&output, told);
         Ok(output)
     }
 

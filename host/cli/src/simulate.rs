@@ -1,17 +1,18 @@
 //! `camrig simulate`: scene to raw.
 
-use super::arguments::{self, CameraArgs, DeviceArgs, FrameArgs, frames_per_s, positive};
+use super::arguments::{self, FrameArgs, frames_per_s};
 use super::frame_sink::FrameSink;
 use super::notes::Notes;
-use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
+use super::scene_lights::{NextLight, SceneLights};
 use super::times::TimeArgs;
+use super::view_args::ViewArgs;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
-use camrig_light::{Illuminant, LightLevel};
-use camrig_optics::{Misplaced, NodeReport, Options, content};
+use camrig_light::Illuminant;
+use camrig_optics::{Misplaced, NodeReport};
 use camrig_render::SimulatedSensor;
-use camrig_render::{self as render, Motion, OpticsOutput, OpticsPath, OpticsStage};
+use camrig_render::{self as render, OpticsOutput};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
 use camrig_sensor_core::config::FrameSettings;
@@ -54,165 +55,6 @@ pub struct Args {
     /// Also save the irradiance on the sensor, for `camrig expose`
     #[arg(long, value_name = "FILE")]
     save_irradiance: Option<PathBuf>,
-}
-
-/// Camera, scene and light.
-#[derive(clap::Args, Debug)]
-pub struct ViewArgs {
-    #[command(flatten)]
-    pub camera: CameraArgs,
-    /// Built-in chart (colorchecker, slanted-edge:angle=5, uniform:0.18, ...), a scene file, a
-    /// picture or render (photo.png:as=reflectance, render.exr:primaries=acescg), or a sequence: a
-    /// folder of these, video (clip.y4m), or a stream of video or camrig-frames/1 from standard
-    /// input (-) or from a socket on which camrig listens (tcp://127.0.0.1:PORT, unix:PATH)
-    #[arg(long, value_name = "S", allow_hyphen_values = true)]
-    pub scene: String,
-    /// Light on a reflectance scene: D65, A, F11, D5000K, blackbody:3200, or a CSV [default: D65]
-    #[arg(long, value_name = "I")]
-    pub illuminant: Option<String>,
-    /// Scene illuminance, lx [default: 300 for a reflectance scene]. A radiance picture is scaled
-    /// so that its white (1, or its brightest percentile) is a perfect white in this light; other
-    /// radiance scenes so that their mean is 18 % grey
-    #[arg(long, value_parser = positive, value_name = "X", allow_negative_numbers = true)]
-    #[arg(conflicts_with = "luminance")]
-    pub lux: Option<f64>,
-    /// Luminance of a perfect white, cd/m²
-    #[arg(long, value_parser = positive, value_name = "L", allow_negative_numbers = true)]
-    pub luminance: Option<f64>,
-    /// Cells per pixel and direction in the optics stage [default: chosen by error]
-    #[arg(long, value_name = "S")]
-    pub oversample: Option<usize>,
-    /// Mean fraction of the light that interpolating PSFs over the field may misplace [default:
-    /// 0.01]
-    #[arg(long, value_name = "PART", value_parser = positive)]
-    pub psf_tolerance: Option<f64>,
-    /// How light gets from scene to sensor: bands (one by one), components (12 at once; edges
-    /// within some 1e-3 of white), or live (one component per channel, fastest). A note and --json
-    /// give their difference from bands
-    #[arg(long, value_name = "PATH", default_value = "bands")]
-    pub path: OpticsPath,
-    /// Move the scene: pixels per frame, to the right and down
-    #[arg(long, value_name = "DX,DY", value_parser = pair, allow_hyphen_values = true)]
-    pub motion: Option<[f64; 2]>,
-    /// Rolling shutter: fraction of the frame period in which the rows are read, 0 to 1
-    #[arg(
-        long,
-        value_name = "PART",
-        value_parser = part,
-        default_value_t = 0.0,
-        requires = "motion"
-    )]
-    pub rolling: f64,
-    #[command(flatten)]
-    pub sequence: SequenceArgs,
-    #[command(flatten)]
-    pub device: DeviceArgs,
-    /// Run the optics stage even if its result is cached (~/.cache/camrig/optics)
-    #[arg(long)]
-    pub no_cache: bool,
-}
-
-/// Reads two numbers.
-pub fn pair(text: &str) -> Result<[f64; 2], String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
-    match numbers.as_deref() {
-        Some(&[x, y]) if x.is_finite() && y.is_finite() => Ok([x, y]),
-        _ => Err(format!("{text:?}: use two numbers, for instance 4,-0.5")),
-    }
-}
-
-/// Reads a number from 0 to 1.
-pub fn part(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|v| (0.0..=1.0).contains(v));
-    value.ok_or_else(|| format!("{text:?}: use a number from 0 to 1"))
-}
-
-impl ViewArgs {
-    /// A still scene seen by an unchanged camera, with the default options.
-    pub fn still(
-        camera: CameraArgs,
-        scene: String,
-        illuminant: Option<&str>,
-        lux: Option<f64>,
-        device: DeviceArgs,
-    ) -> Self {
-        Self {
-            camera,
-            scene,
-            illuminant: illuminant.map(str::to_owned),
-            lux,
-            luminance: None,
-            oversample: None,
-            psf_tolerance: None,
-            path: OpticsPath::Bands,
-            motion: None,
-            rolling: 0.0,
-            sequence: SequenceArgs::default(),
-            device,
-            no_cache: false,
-        }
-    }
-
-    /// The optics stage for these options.
-    pub fn optics_stage(&self) -> Result<OpticsStage> {
-        let level = match (self.lux, self.luminance) {
-            (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
-            (lux, None) => lux.map(LightLevel::Lux),
-        };
-        let cache = if self.no_cache { None } else { content::directory() };
-        let motion =
-            self.motion.map(|velocity_pixels| Motion { velocity_pixels, rolling: self.rolling });
-        Ok(OpticsStage {
-            scene: self.scene.clone(),
-            illuminant: self.illuminant.clone(),
-            level,
-            options: Options {
-                oversample: self.oversample,
-                misplaced_light: self.psf_tolerance.unwrap_or(Options::default().misplaced_light),
-                device: self.device.device.open()?,
-                ..Options::default()
-            },
-            cache,
-            motion,
-            path: self.path,
-        })
-    }
-
-    /// Loads the camera and runs the optics stage.
-    pub fn view(&self) -> Result<(Camera, OpticsOutput)> {
-        let camera = self.camera.load()?;
-        let view = self.view_with(&camera, &mut Notes::default())?;
-        Ok((camera, view))
-    }
-
-    /// Runs the optics stage for a camera.
-    pub(super) fn view_with(&self, camera: &Camera, told: &mut Notes) -> Result<OpticsOutput> {
-        let optics_stage = self.optics_stage()?;
-        let bar = arguments::progress("optics", 0);
-        told.wait_for(|| format!("computing {}", self.scene));
-        let view = optics_stage.run(camera, |done, bands| {
-            bar.set_length(bands as u64);
-            bar.set_position(done as u64);
-            told.wait_for(|| format!("computing {}: {done} of {bands} bands", self.scene));
-        })?;
-        bar.finish_and_clear();
-        told.tell(view.notes.iter().cloned());
-        tell_optics(&view, told);
-        if view.cached {
-            eprintln!("note: optics from the cache (--no-cache runs them again)");
-        }
-        Ok(view)
-    }
-}
-
-/// Prints how the optics were computed.
-pub(super) fn tell_optics(view: &OpticsOutput, told: &Notes) {
-    if let Some(warning) = view.optics.nodes.and_then(|nodes| nodes.warning()) {
-        told.warn(&warning);
-    }
-    if let Some(device) = &view.optics.device {
-        eprintln!("note: optics on {device}");
-    }
 }
 
 /// Runs the command.

@@ -8,10 +8,11 @@ mod report;
 use super::arguments::{
     self, CameraArgs, DeviceArgs, arithmetic, duration, frames_per_s, positive,
 };
+use super::live;
 use super::readout::ReadoutArgs;
-use super::scene_lights::{NextLight, SceneLights, SequenceArgs};
+use super::scene_lights::{NextLight, SceneLights};
 use super::times::TimeArgs;
-use super::{live, simulate};
+use super::view_args::{self, SequenceArgs};
 use crate::stop::Stoppable;
 use camrig_base::{ErrorCode, Result};
 use camrig_camera::Camera;
@@ -77,7 +78,7 @@ pub struct Args {
     #[arg(
         long,
         value_name = "DX,DY",
-        value_parser = simulate::pair,
+        value_parser = view_args::pair,
         allow_hyphen_values = true,
         requires = "scene"
     )]
@@ -86,7 +87,7 @@ pub struct Args {
     #[arg(
         long,
         value_name = "PART",
-        value_parser = simulate::part,
+        value_parser = view_args::part,
         default_value_t = 0.0,
         requires = "motion"
     )]

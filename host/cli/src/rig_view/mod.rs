@@ -12,8 +12,8 @@ mod session;
 use super::arguments::{arithmetic, duration, positive};
 use super::notes::{Notes, Page};
 use super::scene_lights::SceneLights;
-use super::simulate::ViewArgs;
 use super::times::TimeArgs;
+use super::view_args::ViewArgs;
 use crate::stop::Stoppable;
 use crate::view::{Desk, Frame, Order, Shared, View};
 use camrig_base::{Error, Result};
@@ -125,7 +125,7 @@ impl Page for Arc<Shared> {
 pub fn run(args: &Args) -> Result<()> {
     let opens =
         "see and control the rig with this page's token, which crosses the network unencrypted";
-    super::rig::remote(&args.listen, args.allow_remote, opens)?;
+    super::listen::remote(&args.listen, args.allow_remote, opens)?;
     if !args.output.is_dir() {
         return Err(Error::input("folder not found")
             .at(args.output.display())

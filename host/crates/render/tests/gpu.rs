@@ -7,6 +7,7 @@ use camrig_render::{About, Arithmetic, SimulatedSensor};
 use camrig_scene::LitScene;
 
 #[test]
+#[ignore = "needs a graphics processor: ci/tier-gpu"]
 fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
     let devices = Device::available();
     if devices.len() < 2 {

@@ -37,6 +37,7 @@ impl Example {
 }
 
 #[test]
+#[ignore = "needs a graphics processor: ci/tier-gpu"]
 fn the_bytes_depend_neither_on_the_run_nor_on_how_much_is_handed_over_at_once() {
     let Some(gpu) = own() else { return };
     let example = Example::new();
@@ -51,6 +52,7 @@ fn the_bytes_depend_neither_on_the_run_nor_on_how_much_is_handed_over_at_once() 
 }
 
 #[test]
+#[ignore = "needs a graphics processor: ci/tier-gpu"]
 fn what_a_device_cannot_do_is_an_error_with_words() {
     let Some(gpu) = own() else { return };
     let words = |error: Option<Error>| error.expect("refused").to_string();
@@ -73,6 +75,7 @@ fn what_a_device_cannot_do_is_an_error_with_words() {
 }
 
 #[test]
+#[ignore = "needs a graphics processor: ci/tier-gpu"]
 fn what_is_not_dedicated_is_taken_only_when_asked_for() {
     let Some(Device::Gpu(gpu)) = Device::available().get(1).copied() else { return };
     let dedicated = is_dedicated(gpu.kind);
