@@ -6,7 +6,7 @@
 
 use camrig::Plane;
 use camrig::camera::Camera;
-use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
+use camrig::render::{CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
 use camrig::rig::emulator::{self, Emulator};
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
@@ -71,14 +71,7 @@ fn cube(height: usize, bands: usize) -> IrradianceCube {
 }
 
 fn request(camera: &Camera, frame: u32) -> FrameRequest {
-    FrameRequest {
-        settings: camera.settings(frame, EXPOSURE_S, None),
-        arithmetic: Arithmetic::F32,
-        collapse: false,
-        lit_before: false,
-        by_registers: false,
-        rows_stay: false,
-    }
+    FrameRequest::new(camera.settings(frame, EXPOSURE_S, None))
 }
 
 /// A server for one emulator on a free port.

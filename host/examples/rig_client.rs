@@ -31,14 +31,7 @@ fn main() -> Result<()> {
     println!("{}: {}", address, rig.device().firmware);
     rig.set_camera(&sensor)?;
     for number in 0..10 {
-        let request = FrameRequest {
-            settings: camera.settings(number, 0.010, None),
-            arithmetic: Arithmetic::F32,
-            collapse: false,
-            lit_before: false,
-            by_registers: false,
-            rows_stay: false,
-        };
+        let request = FrameRequest::new(camera.settings(number, 0.010, None));
         let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
         let here = sensor.frame(&cube, &request.settings)?;
         if frame != here {

@@ -22,12 +22,7 @@ fn main() -> Result<()> {
 
     // The optics stage: spectral irradiance (W m⁻² nm⁻¹) on the sensor. It does not depend on
     // exposure, gain or noise, so one cube serves many frames.
-    let about = About {
-        lux: Some(300.0),
-        illuminant: Some(light.name.clone()),
-        made_of: "colorchecker".into(),
-    };
-    let (cube, _) = render::irradiance(&camera, &lit, &Options::default(), about, |_, _| ())?;
+    let (cube, _) = render::irradiance(&camera, &lit, &Options::default())?;
 
     // The sensor stage: 20 ms at the camera's own gain and temperature.
     let sensor = SimulatedSensor::new(&camera, &cube.header)?;

@@ -36,8 +36,7 @@
 //! let level = LightLevel::Lux(300.0);
 //! let white = light::photometry::white_radiance(&daylight, level, &card.bands())?;
 //! let lit = LitScene { scene: &*card, white };
-//! let (cube, _) =
-//!     render::irradiance(&camera, &lit, &Options::default(), About::default(), |_, _| ())?;
+//! let (cube, _) = render::irradiance(&camera, &lit, &Options::default())?;
 //!
 //! let sensor = SimulatedSensor::new(&camera, &cube.header)?;
 //! let settings = camera.settings(0, 0.010, None); // frame 0, seconds, the camera file's gain
@@ -49,6 +48,10 @@
 //! # Ok(())
 //! # }
 //! ```
+//! # Features
+//! `report` (pages of figures and plots) and `rig` (rigs at serial ports and on USB, and their logs)
+//! are on by default; `gpu` blurs on graphics processors. Each only adds.
+//!
 //! `examples/` has this with a chart and a DNG, a client of a rig, EMVA 1288 figures from frames,
 //! and a diagnosis.
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
@@ -75,6 +78,7 @@ pub use camrig_measure as measure;
 pub use camrig_optics as optics;
 pub use camrig_prescription as prescription;
 pub use camrig_render as render;
+#[cfg(feature = "report")]
 pub use camrig_report as report;
 pub use camrig_rig as rig;
 pub use camrig_scene as scene;

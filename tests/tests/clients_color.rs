@@ -6,7 +6,7 @@ use camrig::camera::Camera;
 use camrig::formats::{DngInfo, dng};
 use camrig::light::{Illuminant, LightLevel, photometry};
 use camrig::optics::Options;
-use camrig::render::{self, About, SimulatedSensor};
+use camrig::render::{self, SimulatedSensor};
 use camrig::scene::chart::colorchecker;
 use camrig::scene::{LitScene, Spectrum};
 use camrig_tests::color::{delta_e_2000, lab, srgb_to_linear, xyz_of_srgb};
@@ -46,9 +46,7 @@ fn chart() -> (RawFrame, DngInfo) {
     let level = LightLevel::Lux(300.0);
     let white = photometry::white_radiance(&light, level, &scene.bands()).unwrap();
     let lit = LitScene { scene: &*scene, white };
-    let about = About { lux: Some(300.0), illuminant: None, made_of: "test".into() };
-    let (cube, _) =
-        render::irradiance(&camera, &lit, &Options::default(), about, |_, _| {}).unwrap();
+    let (cube, _) = render::irradiance(&camera, &lit, &Options::default()).unwrap();
     let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
     let settings = camera.settings(0, 2e-3, None);
     let raw = sensor.frame(&cube, &settings).unwrap();

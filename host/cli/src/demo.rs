@@ -7,7 +7,7 @@ use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames, png, preview};
 use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Options, Report};
-use camrig_render::{self as render, Arithmetic, SimulatedSensor};
+use camrig_render::{self as render, SimulatedSensor};
 use camrig_report::page::{Page, Table};
 use camrig_report::simulation;
 use camrig_rig::{FrameRequest, Rig};
@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let base_lux = SHOTS[0].0;
     let white = photometry::white_radiance(&light, LightLevel::Lux(base_lux), &scene.bands())?;
     let bar = arguments::progress("optics", scene.bands().count as u64);
-    let (cube, optics) = render::irradiance(
+    let (cube, optics, _) = render::irradiance_with(
         &camera,
         &LitScene { scene: &*scene, white },
         &Options::default(),
@@ -60,14 +60,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let sensor = SimulatedSensor::in_light(&camera, &cube.header, lux / base_lux)?;
         let settings = camera.settings(0, exposure_s, None);
         rig.set_camera(&sensor)?;
-        let request = FrameRequest {
-            settings,
-            arithmetic: Arithmetic::F32,
-            collapse: false,
-            lit_before: false,
-            by_registers: false,
-            rows_stay: false,
-        };
+        let request = FrameRequest::new(settings);
         let frame = rig.frame(&cube, &sensor, &request)?.to_raw(&sensor)?;
         same &= frame == sensor.frame(&cube, &settings)?;
         let (sent, received) = rig.link_bytes();

@@ -10,7 +10,7 @@
 
 use camrig::Plane;
 use camrig::camera::Camera;
-use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
+use camrig::render::{CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
 use camrig::rig::emulator::Emulator;
 use camrig::rig::transport::{ByteLink, Transport};
 use camrig::rig::{FrameRequest, Rig, Url, serve};
@@ -170,14 +170,7 @@ fn soak(minutes: f64, kind: &str) -> camrig::Result<bool> {
     for frame in 0..frames {
         let due = began + Duration::from_secs_f64(f64::from(frame) / FRAMES_PER_S);
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
-        let request = FrameRequest {
-            settings: camera.settings(frame, EXPOSURE_S, None),
-            arithmetic: Arithmetic::F32,
-            collapse: false,
-            lit_before: false,
-            by_registers: false,
-            rows_stay: false,
-        };
+        let request = FrameRequest::new(camera.settings(frame, EXPOSURE_S, None));
         match rig.frame(&cube, &sensor, &request) {
             Err(error) => {
                 faults.lost += 1;

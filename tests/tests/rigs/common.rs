@@ -89,14 +89,8 @@ pub fn compare_frame(
     let sensor = sensor(camera, cube);
     rig.set_camera(&sensor).unwrap();
     let settings = camera.settings(frame, 0.02, Some(1.0 + f64::from(frame)));
-    let request = FrameRequest {
-        settings,
-        arithmetic,
-        collapse: false,
-        lit_before: frame > 0,
-        by_registers: false,
-        rows_stay: false,
-    };
+    let request =
+        FrameRequest { arithmetic, lit_before: frame > 0, ..FrameRequest::new(settings) };
     let before = (frame > 0).then_some(cube);
     let here = sensor
         .frame_with(cube, &settings, camrig::render::FrameOptions { before, arithmetic })

@@ -117,14 +117,8 @@ fn a_rig_that_restarts_gets_its_registers_again() {
     let camera = common::camera(folder.path(), 1);
     let cube = common::cube(&camera, BANDS);
     let sensor = common::sensor(&camera, &cube);
-    let by_registers = FrameRequest {
-        settings: camera.settings(3, 1.0, None),
-        arithmetic: Arithmetic::F32,
-        collapse: false,
-        lit_before: false,
-        by_registers: true,
-        rows_stay: false,
-    };
+    let by_registers =
+        FrameRequest { by_registers: true, ..FrameRequest::new(camera.settings(3, 1.0, None)) };
     let url = cutting_proxy([tcp_server(None), tcp_server(None)], 40_000);
     let mut rig = Rig::open(&url).unwrap();
     rig.write_register(address::COARSE_INTEGRATION_TIME, 1700).unwrap();
@@ -148,14 +142,7 @@ fn collapsed_rows_differ_by_their_rounding_only() {
     let sensor = common::sensor(&camera, &cube);
     let mut rig = Rig::open("emulator:").unwrap();
     rig.set_camera(&sensor).unwrap();
-    let mut request = FrameRequest {
-        settings: camera.settings(5, 0.02, None),
-        arithmetic: Arithmetic::F32,
-        collapse: false,
-        lit_before: false,
-        by_registers: false,
-        rows_stay: false,
-    };
+    let mut request = FrameRequest::new(camera.settings(5, 0.02, None));
     let spectral = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     request.collapse = true;
     let collapsed = rig.frame(&cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
@@ -185,14 +172,8 @@ fn registers_set_the_exposure_and_faults_happen_as_ordered() {
     rig.write_register(address::LINE_LENGTH_NS, 20_000).unwrap();
     rig.write_register(address::COARSE_INTEGRATION_TIME, 1000).unwrap();
     rig.write_register(address::ANALOG_GAIN, 512).unwrap();
-    let mut request = FrameRequest {
-        settings: camera.settings(3, 1.0, None),
-        arithmetic: Arithmetic::F32,
-        collapse: false,
-        lit_before: false,
-        by_registers: true,
-        rows_stay: false,
-    };
+    let mut request =
+        FrameRequest { by_registers: true, ..FrameRequest::new(camera.settings(3, 1.0, None)) };
     let by_registers = rig.frame(&cube, &sensor, &request).unwrap();
     let said = by_registers.start.exposure;
     assert!((said.exposure_s - 0.02).abs() < 1e-8);

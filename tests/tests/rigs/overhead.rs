@@ -2,7 +2,7 @@
 
 use camrig::Plane;
 use camrig::camera::Camera;
-use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
+use camrig::render::{CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
 use camrig::rig::{FrameRequest, Rig, Url, emulator, hid, serial};
@@ -45,14 +45,7 @@ fn overhead(framing: Framing, limits: Limits, bands: usize) -> f64 {
     let mut rig = Rig::with_transport(Url::Emulator, emulator::open_as(framing, limits)).unwrap();
     rig.set_camera(&sensor).unwrap();
     let before = rig.link_bytes();
-    let request = FrameRequest {
-        settings: camera.settings(0, 0.01, None),
-        arithmetic: Arithmetic::F32,
-        collapse: false,
-        lit_before: false,
-        by_registers: false,
-        rows_stay: false,
-    };
+    let request = FrameRequest::new(camera.settings(0, 0.01, None));
     let frame = rig.frame_from(&mut feed, &sensor, &request).unwrap();
     let after = rig.link_bytes();
     let rows = (feed.bytes() + frame.packed.len()) as f64;

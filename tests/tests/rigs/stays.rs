@@ -1,7 +1,6 @@
 //! Raw rows that leave by the rig's own interface: the frames of this process, and receipts.
 
 use crate::common::{self, BANDS, HEIGHT, WIDTH};
-use camrig::render::Arithmetic;
 use camrig::rig::transport::{ByteLink, MAX_PACKET};
 use camrig::rig::{FrameRequest, Rig, Url};
 use camrig_firmware_sim::{Buffers, Memory, RowMemory, serve};
@@ -70,14 +69,7 @@ fn rows_that_stay_with_the_rig_are_those_of_the_host() {
     let sensor = common::sensor(&camera, &cube);
     rig.set_camera(&sensor).unwrap();
     let settings = camera.settings(3, 0.02, None);
-    let request = FrameRequest {
-        settings,
-        arithmetic: Arithmetic::F32,
-        collapse: false,
-        lit_before: false,
-        by_registers: false,
-        rows_stay: true,
-    };
+    let request = FrameRequest { rows_stay: true, ..FrameRequest::new(settings) };
     let frame = rig.frame(&cube, &sensor, &request).unwrap();
     let here = sensor.frame(&cube, &settings).unwrap();
     let receipts = frame.receipts.as_ref().unwrap();

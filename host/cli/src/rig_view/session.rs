@@ -173,12 +173,11 @@ impl<'a> Session<'a> {
             }
             let late = self.beat.begin(Instant::now());
             let request = FrameRequest {
-                settings: self.camera.settings(self.frames, 1.0, None),
                 arithmetic: self.args.arith,
                 collapse,
                 lit_before: self.lit_before,
                 by_registers: true,
-                rows_stay: false,
+                ..FrameRequest::new(self.camera.settings(self.frames, 1.0, None))
             };
             let timing = self.timing(late);
             let frame = rig.frame_from(&mut feed, &lit.sensor, &request)?;

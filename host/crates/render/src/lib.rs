@@ -92,15 +92,17 @@ pub fn irradiance(
     camera: &Camera,
     scene: &LitScene<'_>,
     options: &Options,
-    about: About,
-    progress: impl FnMut(usize, usize),
 ) -> Result<(IrradianceCube, Report)> {
-    let (cube, report, _) = irradiance_and_notes(camera, scene, options, about, progress)?;
+    let (cube, report, _) = irradiance_with(camera, scene, options, About::default(), |_, _| ())?;
     Ok((cube, report))
 }
 
-/// [`irradiance`], and what a user should know of the lens.
-fn irradiance_and_notes(
+/// [`irradiance`] with a header that says how the cube was made, and with progress: bands done, and
+/// of how many. Returns notes on the lens, too.
+///
+/// # Errors
+/// Those of [`irradiance`].
+pub fn irradiance_with(
     camera: &Camera,
     scene: &LitScene<'_>,
     options: &Options,

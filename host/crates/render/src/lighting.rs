@@ -236,7 +236,7 @@ pub fn scene_irradiance(
     let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.binned_for(camera);
     let about = opened.about(camera);
     let (cube, optics, of_lens) =
-        super::irradiance_and_notes(camera, &opened.lit(), options, about, progress)?;
+        super::irradiance_with(camera, &opened.lit(), options, about, progress)?;
     let mut notes = opened.notes(camera);
     notes.extend(of_lens);
     Ok(SceneIrradiance { cube, optics, notes })

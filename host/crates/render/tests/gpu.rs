@@ -3,7 +3,7 @@
 use camrig_camera::{Camera, presets};
 use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Characterisation, Device, Options};
-use camrig_render::{About, Arithmetic, SimulatedSensor};
+use camrig_render::SimulatedSensor;
 use camrig_scene::LitScene;
 
 #[test]
@@ -33,9 +33,7 @@ fn frames_of_a_graphics_processor_are_those_of_the_processor_within_a_dn() {
     let frame = |device: Device| {
         let options = Options { device, ..Options::default() };
         let lit = LitScene { scene: &*scene, white: white.clone() };
-        let (cube, report) =
-            camrig_render::irradiance(&camera, &lit, &options, About::default(), |_, _| ())
-                .unwrap();
+        let (cube, report) = camrig_render::irradiance(&camera, &lit, &options).unwrap();
         assert_eq!(report.device.as_deref(), device.name());
         let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, 0.02, None);

@@ -2,8 +2,12 @@
 
 use super::feed::Feed;
 use super::held::Held;
+#[cfg(feature = "hid")]
+use super::hid;
+#[cfg(feature = "serial")]
+use super::serial;
 use super::transport::Transport;
-use super::{Url, emulator, hid, serial, tcp};
+use super::{Url, emulator, tcp};
 use camrig_base::{Error, ErrorCode, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
 use camrig_exposure::{Arithmetic, SimulatedSensor};
@@ -47,12 +51,12 @@ mod embedded {
 const INJECTING: [(u16, &str); 2] =
     [(address::FAULT, "fault"), (address::TEST_PATTERN, "test pattern")];
 
-/// Request for a frame.
+/// Request for a frame. [`FrameRequest::new`] makes one with the defaults.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameRequest {
     /// Frame number, exposure, gain, temperature.
     pub settings: FrameSettings,
-    /// Arithmetic of the rig's sensor.
+    /// Arithmetic of the rig's sensor; `f32` by default.
     pub arithmetic: Arithmetic,
     /// Integrate the bands on the host and send mean electrons: fewer bytes, at the cost of the
     /// last bit of accuracy.
@@ -63,6 +67,20 @@ pub struct FrameRequest {
     pub by_registers: bool,
     /// Do not return the raw rows: the rig sends them out through its own raw output.
     pub rows_stay: bool,
+}
+
+impl FrameRequest {
+    /// A frame with these settings, computed in `f32` from the bands of its light.
+    pub const fn new(settings: FrameSettings) -> Self {
+        Self {
+            settings,
+            arithmetic: Arithmetic::F32,
+            collapse: false,
+            lit_before: false,
+            by_registers: false,
+            rows_stay: false,
+        }
+    }
 }
 
 /// A frame from a rig.
@@ -106,8 +124,14 @@ fn open(url: &Url) -> Result<Box<dyn Transport>> {
     match url {
         Url::Emulator => Ok(emulator::open()),
         Url::Tcp { address, token } => tcp::open(address, token.as_ref()),
+        #[cfg(feature = "serial")]
         Url::Serial { path, baud } => serial::open(path, *baud),
+        #[cfg(feature = "hid")]
         Url::Hid { vid, pid, serial } => hid::open(*vid, *pid, serial.as_deref()),
+        #[cfg(not(all(feature = "serial", feature = "hid")))]
+        _ => Err(Error::unsupported("this program was built without links of this kind")
+            .at(url)
+            .help("switch on the features `hid` and `serial` of camrig-rig, or use tcp://")),
     }
 }
 

@@ -16,26 +16,31 @@
 //! # Ok::<(), camrig_base::Error>(())
 //! ```
 //!
-//! * [`transport`]: one trait for all links; [`emulator`], [`tcp`], [`serial`], [`hid`] open them;
+//! * [`transport`]: one trait for all links; [`emulator`], [`tcp`], and with the features of these
+//!   names `serial` and `hid`, open them;
 //! * [`client`]: a [`client::Rig`] takes a camera and frames, and repairs and resumes;
 //! * [`stage`]: frames from a rig or from this process;
 //! * [`feed`]: a cube's rows as they go over the link;
 //! * [`script`]: register writes of a control loop, frame by frame;
-//! * [`serve`]: the emulator as a server, its rows in parallel; [`log`]: the log of a firmware in
-//!   words.
+//! * [`serve`]: the emulator as a server, its rows in parallel; `log` (a feature): the log of a
+//!   firmware in words.
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod client;
 pub mod emulator;
 pub mod feed;
 mod held;
+#[cfg(feature = "hid")]
 pub mod hid;
 mod inbox;
 mod list;
+#[cfg(feature = "log")]
 pub mod log;
 pub mod mirror;
+#[cfg(feature = "serial")]
 mod platform;
 pub mod script;
+#[cfg(feature = "serial")]
 pub mod serial;
 pub mod serve;
 pub mod stage;

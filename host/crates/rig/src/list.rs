@@ -16,11 +16,22 @@ pub struct Found {
     pub ours: bool,
 }
 
-/// Serial ports and HID devices, our own first. Where the operating system lists neither, the list
-/// is empty.
+/// Serial ports and HID devices (each with the feature of its name), our own first. Where the
+/// operating system lists neither, the list is empty.
 pub fn list() -> Vec<Found> {
-    let mut found = Vec::new();
-    for port in serialport::available_ports().unwrap_or_default() {
+    let mut found: Vec<Found> = Vec::new();
+    #[cfg(feature = "serial")]
+    found.extend(serial_ports());
+    #[cfg(feature = "hid")]
+    found.extend(hid_devices());
+    found.sort_by(|a, b| (!a.ours, &a.url).cmp(&(!b.ours, &b.url)));
+    found.dedup();
+    found
+}
+
+#[cfg(feature = "serial")]
+fn serial_ports() -> impl Iterator<Item = Found> {
+    serialport::available_ports().unwrap_or_default().into_iter().map(|port| {
         let (description, ours) = match &port.port_type {
             serialport::SerialPortType::UsbPort(usb) => (
                 format!(
@@ -34,23 +45,22 @@ pub fn list() -> Vec<Found> {
             ),
             _ => ("serial port".into(), false),
         };
-        found.push(Found { url: format!("serial://{}", port.port_name), description, ours });
-    }
-    if let Ok(api) = hidapi::HidApi::new() {
-        for device in api.device_list() {
-            let (vid, pid) = (device.vendor_id(), device.product_id());
-            let serial = device.serial_number().filter(|s| !s.is_empty());
-            found.push(Found {
-                url: format!(
-                    "hid://{vid:04x}:{pid:04x}{}",
-                    serial.map_or_else(String::new, |s| format!("/{s}"))
-                ),
-                description: device.product_string().unwrap_or("HID device").to_string(),
-                ours: (vid, pid) == USB_ID,
-            });
+        Found { url: format!("serial://{}", port.port_name), description, ours }
+    })
+}
+
+#[cfg(feature = "hid")]
+fn hid_devices() -> Vec<Found> {
+    let Ok(api) = hidapi::HidApi::new() else { return Vec::new() };
+    let found = api.device_list().map(|device| {
+        let (vid, pid) = (device.vendor_id(), device.product_id());
+        let serial = device.serial_number().filter(|s| !s.is_empty());
+        let serial = serial.map_or_else(String::new, |s| format!("/{s}"));
+        Found {
+            url: format!("hid://{vid:04x}:{pid:04x}{serial}"),
+            description: device.product_string().unwrap_or("HID device").to_string(),
+            ours: (vid, pid) == USB_ID,
         }
-    }
-    found.sort_by(|a, b| (!a.ours, &a.url).cmp(&(!b.ours, &b.url)));
-    found.dedup();
-    found
+    });
+    found.collect()
 }

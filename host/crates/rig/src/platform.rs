@@ -1,4 +1,5 @@
 //! Pseudo-terminals, which only some operating systems have. Nothing else in this crate names one.
+//! The crate of serial ports makes them.
 
 use camrig_base::{Error, Result};
 use serialport::SerialPort;

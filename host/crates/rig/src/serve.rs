@@ -2,6 +2,7 @@
 
 use super::Token;
 use super::emulator::Emulator;
+#[cfg(feature = "serial")]
 use super::platform::PseudoTerminal;
 use camrig_base::{Error, Result};
 pub use camrig_firmware_sim::ServeError;
@@ -286,6 +287,7 @@ pub fn device(
 ///
 /// # Errors
 /// An operating system without pseudo-terminals, or with none left.
+#[cfg(feature = "serial")]
 pub fn pty(
     mut emulator: Emulator,
     ready: impl FnOnce(&str),

@@ -77,12 +77,9 @@ impl SensorStage {
             return Err(changing_light(effect));
         }
         let request = FrameRequest {
-            settings: *settings,
             arithmetic: self.arithmetic,
-            collapse: false,
             lit_before,
-            by_registers: false,
-            rows_stay: false,
+            ..FrameRequest::new(*settings)
         };
         let frame = rig.frame(cube, sensor, &request)?;
         if let Some(what) = frame.injected() {
