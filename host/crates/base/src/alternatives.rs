@@ -6,6 +6,7 @@ use serde::Deserialize;
 /// One value or a list.
 #[derive(Clone, Debug, Deserialize, schemars::JsonSchema)]
 #[serde(untagged)]
+#[non_exhaustive]
 pub enum Alternatives<T> {
     /// One value.
     One(T),
@@ -29,6 +30,7 @@ impl<T: Clone> Alternatives<T> {
 /// A number, a list, or `{ from, to, count }`.
 #[derive(Clone, Debug, Deserialize, schemars::JsonSchema)]
 #[serde(untagged)]
+#[non_exhaustive]
 pub enum Numbers {
     /// One number.
     One(f64),

@@ -36,6 +36,7 @@ const ENDS_AT_ZERO: f64 = 1e-3;
 
 /// What a curve is at wavelengths outside its samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Outside {
     /// Its first or last value: what varies slowly, such as a lamp or a lens.
     #[default]

@@ -23,6 +23,7 @@ const NAPIERIAN: f64 = std::f64::consts::LOG10_E;
 
 /// What a table is read for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Wanted {
     /// Electrons per photon.
     Efficiency,

@@ -62,6 +62,7 @@ impl LinearFrame {
 
 /// What in view has a known reflectance; rectangles in raw pixels.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum Reference {
     /// A ColorChecker: the rectangle around its 24 patches.
     Chart(Region),

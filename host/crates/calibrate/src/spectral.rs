@@ -212,6 +212,7 @@ pub fn report(bands: &Bands, truth: &[Vec<f64>], estimates: &[Vec<f64>]) -> Resu
 
 /// Which estimator a leave-one-out test is of.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Method {
     /// [`Estimator::regularised`] with this relative noise.
     Regularised(f64),

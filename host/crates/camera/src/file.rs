@@ -39,6 +39,7 @@ type Effect = std::collections::BTreeMap<String, serde_json::Value>;
 /// A number from 0 to 1, or the name of a CSV file.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[non_exhaustive]
 pub enum FractionOrFile {
     Number(#[schemars(range(min = 0.0, max = 1.0))] f64),
     File(FileName),
@@ -61,6 +62,7 @@ pub enum LensKind {
 
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[non_exhaustive]
 pub enum FallOff {
     Law(Law),
     File(FileName),
@@ -69,6 +71,7 @@ pub enum FallOff {
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(inline)]
+#[non_exhaustive]
 pub enum Law {
     Cos4,
     None,
@@ -155,6 +158,7 @@ pub struct LensFile {
 /// A number from 1, or a name.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[non_exhaustive]
 pub enum NumberOrName {
     Number(#[schemars(range(min = 1))] u32),
     Name(String),
@@ -172,6 +176,7 @@ impl std::fmt::Display for NumberOrName {
 /// One text or a list of them.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[non_exhaustive]
 pub enum OneOrSeveral {
     One(String),
     Several(Vec<String>),
@@ -289,6 +294,7 @@ pub struct TimingFile {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(inline)]
+#[non_exhaustive]
 pub enum Direction {
     #[default]
     Down,

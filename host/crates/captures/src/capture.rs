@@ -7,6 +7,7 @@ use std::path::PathBuf;
     Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Role {
     /// No light.
     Dark,
@@ -29,6 +30,7 @@ pub enum Role {
     Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Split {
     /// For fitting.
     Fit,
@@ -126,6 +128,7 @@ pub struct Light {
     schemars::JsonSchema,
 )]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Uniformity {
     /// Even.
     Flat,

@@ -123,6 +123,7 @@ pub struct Frames {
 
 /// A file format of raw frames.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Format {
     /// Digital negative: one frame with its colour metadata.
     Dng,

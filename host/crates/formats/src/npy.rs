@@ -43,6 +43,7 @@ pub struct Layout {
 
 /// A type of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Sample {
     /// 8-bit unsigned.
     U8,
@@ -63,6 +64,7 @@ pub enum Sample {
 
 /// Kinds of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Kind {
     /// Unsigned integers.
     Unsigned,

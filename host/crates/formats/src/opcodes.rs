@@ -17,6 +17,7 @@ const GAIN_MAP: u32 = 9;
 
 /// One correction.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Opcode {
     /// Pixels to interpolate from their neighbours of the same colour.
     FixBadPixelsList {

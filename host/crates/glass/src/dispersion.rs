@@ -4,6 +4,7 @@ use crate::conrady;
 
 /// Dispersion formulas; λ in µm.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Dispersion {
     /// The same index at all wavelengths.
     Constant(f64),

@@ -438,6 +438,7 @@ pub(super) fn check_obstacles(
 
 /// How much of a pupil an outline and rays run over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Extent {
     /// The half x ≥ 0 of a mirror-symmetric one, azimuths from −y to +y.
     MirrorHalf,

@@ -50,6 +50,7 @@ pub struct TrainSurface {
 
 /// What a surface is beyond conic and polynomials.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Shape {
     /// Nothing: it is a conic with polynomials.
     Plain,

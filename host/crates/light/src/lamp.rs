@@ -24,6 +24,7 @@ pub type Region = [f64; 4];
 
 /// How light changes with time.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Waveform {
     /// A sine around the mean.
     Mains {

@@ -21,6 +21,7 @@ static OBSERVER: LazyLock<[Vec<f64>; 3]> = LazyLock::new(|| {
 
 /// The light level of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum LightLevel {
     /// Illuminance on the scene, lx.
     Lux(f64),

@@ -32,6 +32,7 @@ struct Sums {
 
 /// A coefficient of a pixel's line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Line {
     /// Value at x = 0.
     Offset,

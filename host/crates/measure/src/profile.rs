@@ -10,6 +10,7 @@ pub const RINGS: usize = 20;
 
 /// Direction of a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Along {
     /// Along rows, one value per column.
     Row,

@@ -30,6 +30,7 @@ const CURVE_SAMPLES: usize = 1025;
 const REVISION: u32 = 3;
 
 /// What represents a lens in a key.
+#[non_exhaustive]
 pub enum LensContent<'a> {
     /// Every figure that the engine would ask for.
     Figures(&'a dyn Lens),

@@ -27,6 +27,7 @@ pub struct Diffraction {
 
 /// Relative illumination over the field.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Illumination {
     /// cos⁴ of the field angle atan(height / image distance).
     Cos4,

@@ -20,6 +20,7 @@ use std::f64::consts::TAU;
 
 /// Which PSF a cell of the scene has where PSFs vary over the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Psfs {
     /// The PSF of its own place.
     OwnPlace,

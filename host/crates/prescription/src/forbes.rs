@@ -14,6 +14,7 @@ use camrig_base::{Error, Result};
 
 /// Which polynomials.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Kind {
     /// Departure from a conic.
     Con,

@@ -108,6 +108,7 @@ pub enum Medium {
 
 /// The shape of an aperture, in x and y of its surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Shape {
     /// A circle or an ellipse.
     #[default]

@@ -10,6 +10,7 @@ use camrig_exposure::IrradianceCube;
 
 /// What a frame is to be like.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Brightness {
     /// 99 % of the samples lie below 0.85 of the range above black: highlights keep a quarter of a
     /// stop.

@@ -22,6 +22,7 @@ use serde::Serialize;
 
 /// How light comes from a scene to the sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum OpticsPath {
     /// Band by band: an irradiance cube, for any scene, that serves other responses, too.
     #[default]

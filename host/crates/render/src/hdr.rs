@@ -6,6 +6,7 @@ use camrig_base::{Error, RawFrame, Result};
 /// How long and short exposures share a frame. The long one is the frame's exposure, the short one
 /// a `ratio`-th of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Hdr {
     /// Every pixel is exposed once: pairs of rows of the filter pattern are long and short in
     /// turn, the first pair long (interleaved or "zigzag-free" row HDR). The frame keeps its size.

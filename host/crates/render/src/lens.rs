@@ -41,6 +41,7 @@ pub fn lens_notes(camera: &Camera, bands: &Bands) -> Result<Vec<String>> {
 }
 
 /// The lens of a camera file, known well enough to tell it from any other, but not yet traced.
+#[non_exhaustive]
 pub enum Described {
     /// A lens of given figures.
     Given {

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 /// What [`Outlet::take`] found.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Taken {
     /// Bytes have come.
     Bytes,

@@ -67,6 +67,7 @@ pub struct Script {
 
 /// One write.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Write {
     /// Exposure, s: turned into lines by the rig's line time. One that is longer than the frame
     /// lengthens the frame, as drivers do.

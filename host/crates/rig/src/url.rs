@@ -10,6 +10,7 @@ const DEFAULT_BAUD: u32 = 3_000_000;
 
 /// Address of a rig.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Url {
     /// An emulator in this process.
     Emulator,

@@ -19,6 +19,7 @@ const MAX_DEPTH: usize = 16;
 
 /// A value of a MATLAB file.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Value {
     /// A real numeric array, the first index fastest.
     Array(Array),

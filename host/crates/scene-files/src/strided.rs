@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 /// Type of the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Sample {
     /// Unsigned 8 bit.
     U8,
@@ -95,6 +96,7 @@ fn half_to_f32(bits: u16) -> f32 {
 
 /// The bytes of a cube.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Bytes {
     /// In a file, read as needed.
     File(PathBuf),

@@ -11,6 +11,7 @@ pub type Point = [f64; 2];
 
 /// A shape in frame coordinates.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Shape {
     /// Axis-parallel rectangle.
     Rect {

@@ -456,6 +456,7 @@ impl Differences {
 }
 
 /// The captured side: a capture set or a camera.
+#[non_exhaustive]
 pub enum Captured {
     /// Captured frames.
     Set(Box<CaptureSet>),

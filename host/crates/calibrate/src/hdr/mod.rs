@@ -30,6 +30,7 @@ pub use noise::Noise;
 /// What became of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
+#[non_exhaustive]
 pub enum Flag {
     /// Merged from all exposures that are not saturated.
     Merged = 0,

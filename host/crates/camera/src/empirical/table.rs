@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 /// The table of a shape. Values are multiplied by the effect's amount.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Table {
     /// Common to a row, alike along it: no file.
     RowFlat,
@@ -138,6 +139,7 @@ pub struct Noise {
 /// Along which lines noise follows itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Along {
     /// From pixel to pixel of a row.
     Rows,

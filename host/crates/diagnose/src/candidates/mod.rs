@@ -32,6 +32,7 @@ pub use optics::shown_by_targets;
 
 /// The estimator of one kind. It proposes nothing where the captures do not show the effect.
 #[derive(Clone, Copy)]
+#[non_exhaustive]
 pub enum Estimator {
     /// One estimate at most.
     One(fn(&Evidence<'_>) -> Option<Proposal>),

@@ -42,6 +42,7 @@ pub struct Measured {
 
 /// What is kept of dark and flat frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Keep {
     /// Everything that estimators of effects read, some hundred bytes per pixel.
     Moments,

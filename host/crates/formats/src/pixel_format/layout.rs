@@ -6,6 +6,7 @@ use camrig_packing::{Packing, WrongSize, pack_row, unpack_row};
 
 /// How samples lie in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Layout {
     /// A sample in a 16-bit word, low byte first; of 8 bits, in a byte.
     Words,

@@ -22,6 +22,7 @@ pub struct Tolerances {
 
 /// A kind of departure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Kind {
     /// A glass thickness or an air space.
     Thickness,

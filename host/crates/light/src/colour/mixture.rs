@@ -21,6 +21,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Which components.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Components {
     /// About this many, shared by all channels.
     Shared(usize),

@@ -4,6 +4,7 @@ use camrig_base::{Error, Result};
 
 /// A transfer: code to linear light.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Transfer {
     /// Samples are linear.
     Linear,

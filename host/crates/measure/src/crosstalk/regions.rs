@@ -17,6 +17,7 @@ pub const SAME: f64 = 1e-6;
 type Pixels = Vec<(f64, f64)>;
 
 /// The dark signal of the sensor.
+#[non_exhaustive]
 pub enum Black {
     /// Windows at the points, each with its own dark.
     Windows(Vec<(Rotation, Pixels)>),

@@ -88,6 +88,7 @@ pub struct Roi {
 /// Direction in which a response is measured: across the edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Direction {
     /// Across an edge that is near the pixel columns.
     Horizontal,

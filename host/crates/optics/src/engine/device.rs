@@ -49,6 +49,7 @@ impl std::str::FromStr for DeviceChoice {
 
 /// An opened device.
 #[derive(Clone, Copy, Debug, Default)]
+#[non_exhaustive]
 pub enum Device {
     /// The processor.
     #[default]
@@ -90,6 +91,7 @@ impl Device {
 }
 
 /// Blurs bands of one tiling.
+#[non_exhaustive]
 pub enum Blurrer {
     Cpu(Box<varying::Blurrer>),
     Gpu(gpu::Blurrer),

@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 /// What lies beyond the frame, from where the blur brings light in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Border {
     /// The scene continues, as a real scene does.
     Scene,

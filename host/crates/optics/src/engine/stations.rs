@@ -3,6 +3,7 @@
 use super::over_field::PlaneFunction;
 
 /// Field points of tabulated PSFs.
+#[non_exhaustive]
 pub enum Stations {
     /// Of a rotationally symmetric lens: real image heights, mm, rising from 0. Rows of PSFs rise
     /// along the radius, away from the axis.

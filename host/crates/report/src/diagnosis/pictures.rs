@@ -42,6 +42,7 @@ pub struct Maps<'a> {
 }
 
 /// What is shown of an effect.
+#[non_exhaustive]
 pub enum Picture {
     /// Maps: measured, less the model before, less the model after.
     Maps(Box<[Plot; 3]>),

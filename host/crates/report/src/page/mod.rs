@@ -40,6 +40,7 @@ pub struct Page {
 
 /// What a word means for the reader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Tone {
     /// As it should be.
     Good,

@@ -11,6 +11,7 @@ use std::fmt::Write;
 
 /// What a series is, which decides its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Colour {
     /// Red channel.
     Red,
@@ -139,6 +140,7 @@ pub(crate) fn file_style() -> String {
 
 /// A sequence of colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Palette {
     /// Violet over green to yellow: amounts.
     Viridis,

@@ -66,6 +66,7 @@ impl Size {
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Mark {
     /// A line through the points; a point without a place breaks it.
     Line,

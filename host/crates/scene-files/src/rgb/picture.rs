@@ -11,6 +11,7 @@ pub const MAX_PIXELS: usize = 1 << 27;
 const MAX_BITS_PER_BYTE: u64 = 8 * 1032;
 
 /// Samples of red, green and blue, interleaved.
+#[non_exhaustive]
 pub enum Samples {
     /// Whole numbers up to `most`.
     Codes {
@@ -24,6 +25,7 @@ pub enum Samples {
 }
 
 /// What a file says of its colours.
+#[non_exhaustive]
 pub enum Said {
     /// Nothing.
     Nothing,

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// What a folder is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Kind {
     /// One scene.
     Cube,

@@ -5,6 +5,7 @@ use camrig_base::{Error, ErrorCode, Plane, Result};
 
 /// None.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Gpu {}
 
 impl Gpu {
@@ -24,6 +25,7 @@ impl Gpu {
 }
 
 /// None.
+#[non_exhaustive]
 pub enum Blurrer {}
 
 impl Blurrer {

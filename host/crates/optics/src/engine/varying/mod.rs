@@ -163,6 +163,7 @@ const SPECTRA: usize = 256 << 20;
 
 /// The kernels of every pair of an output and an input.
 #[derive(Clone, Copy)]
+#[non_exhaustive]
 pub enum Pairs<'a> {
     /// As they are, `[output][input]`: transformed when they are needed.
     Kernels(&'a [&'a [&'a Kernels]]),
