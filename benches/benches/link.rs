@@ -165,7 +165,7 @@ fn sensor_stage() {
             arithmetic: camrig_rig_link::message::NumberFormat::F32,
             raw_bits: BITS,
             temperature_c: settings.temperature_c,
-            lit_before: false,
+            before: camrig_rig_link::message::Before::Dark,
             exposure: None,
         };
         let exposure_of = camrig_rig_link::message::Exposure {

@@ -15,8 +15,8 @@ pub const UNIT_BYTES: usize = 1 + 2 * GROUP;
 pub struct RowMemory<'m, A: Arith> {
     /// Mean photo-electrons of the rows around the one to compute, then the pipeline's memory. A
     /// camera with `n` effects that read neighbouring rows needs `(2 n + 1) + (1 + 3 n)` rows of
-    /// [`blocks`](camrig_sensor_core::arith::blocks) each, and one more for an effect that reads
-    /// the previous frame.
+    /// [`blocks`](camrig_sensor_core::arith::blocks) each; with one that remembers the previous
+    /// frame `1 + 3 m` more, `m` of the `n` standing before it.
     pub rows: &'m mut [Block<A::Signal>],
     /// Sums of the row that is arriving, [`groups`](camrig_sensor_core::spectral::groups) of the
     /// width.

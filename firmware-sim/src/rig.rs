@@ -115,7 +115,7 @@ impl Model for Rig<'_> {
             max_bands: self.memory.max_bands,
             max_camera: self.camera.max_bytes(),
             arithmetics: bit(NumberFormat::F32) | bit(NumberFormat::Fixed),
-            codecs: 1 << Codec::Bfp16 as u8 | 1 << Codec::Electrons16 as u8,
+            codecs: 1 << Codec::Bfp16 as u8 | 1 << Codec::Electrons16 as u8 | WIDE_GROUPS,
             memory_bytes: memory_bytes as u32,
             effects: Effect::CATALOGUE.iter().map(|entry| entry.id).collect(),
             camera: 0,
@@ -172,10 +172,13 @@ impl Model for Rig<'_> {
         if ring > MAX_RING || needed > there {
             return Err(Refusal::Effects);
         }
-        let settings = FrameSettings::new(exposure.exposure_s)
+        let mut settings = FrameSettings::new(exposure.exposure_s)
             .with_frame(frame.frame)
             .with_gain(exposure.analog_gain)
             .with_temperature(frame.temperature_c);
+        if let Before::LitFor { exposure_s } = frame.before {
+            settings = settings.after_exposure(exposure_s);
+        }
         settings.check().map_err(|_| Refusal::Exposure)?;
         let seed = config.seed;
         #[cfg(feature = "defmt")]

@@ -58,7 +58,7 @@ struct Ring<'a, S> {
     rows: &'a mut [Block<S>],
     /// Blocks of a row.
     len: usize,
-    /// Whether the previous frame had the same light.
+    /// Whether the previous frame had the same light; its exposure is the pipeline's concern.
     lit_before: bool,
 }
 
@@ -116,7 +116,7 @@ impl<'r, A: Arith> Running<'r, A> {
             config,
             collector: Collector::new(config, &frame.settings, crosstalk).ok()?,
             pipeline: Pipeline::new(config, &frame.settings, memory).ok()?,
-            ring: Ring { rows: ring, len, lit_before: frame.begin.lit_before },
+            ring: Ring { rows: ring, len, lit_before: frame.begin.before != Before::Dark },
             sums: rows.sums.get_mut(..groups(width))?,
             mantissas: mantissas.get_mut(..width)?,
             exponents: exponents.get_mut(..groups(width))?,

@@ -39,7 +39,7 @@ fn begin() -> FrameBegin {
         arithmetic: NumberFormat::F32,
         raw_bits: 16,
         temperature_c: 25.0,
-        lit_before: false,
+        before: Before::Dark,
         exposure: None,
     }
 }

@@ -208,7 +208,7 @@ fn main() {
         arithmetic: NumberFormat::F32,
         raw_bits: 12,
         temperature_c: 25.0,
-        lit_before: false,
+        before: Before::Dark,
         exposure: Some(Exposure { exposure_s: 0.05, analog_gain: 1.0 }),
     };
     ends.0.begin(begin, SHAPE, false);

@@ -73,7 +73,8 @@ pub struct Capabilities {
     pub max_camera: u32,
     /// Arithmetics that the device has, as a bit set of `1 <<` [`NumberFormat`].
     pub arithmetics: u8,
-    /// Row codecs that the device reads, as a bit set of `1 <<` [`Codec`].
+    /// Row codecs that the device reads, as a bit set of `1 <<` [`Codec`], and whether it reads
+    /// groups of high dynamic range in them ([`WIDE_GROUPS`]).
     pub codecs: u8,
     /// Memory of the device's rows and buffers, bytes.
     pub memory_bytes: u32,
@@ -82,6 +83,10 @@ pub struct Capabilities {
     /// Identity of the camera that the device holds; 0 for none.
     pub camera: u64,
 }
+
+/// Bit of [`Capabilities::codecs`] of a device that reads units whose exponent is 112 to 127, as
+/// groups of high dynamic range have it.
+pub const WIDE_GROUPS: u8 = 1 << 7;
 
 /// Number format of the device's sensor model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -94,7 +99,9 @@ pub enum NumberFormat {
 }
 
 /// How a spectral row is encoded: units of 16 pixels with a shared exponent byte and 16 mantissas
-/// of 16 bits, 2.06 bytes per sample. The rounding error is at most 2⁻¹⁷ of the largest of the 16.
+/// of 16 bits, 2.06 bytes per sample. The rounding error is at most 2⁻¹⁷ of the largest of the 16;
+/// where a value is below 2⁻¹² of the largest, mantissas are floating-point numbers, and each is
+/// right to 2⁻¹² ([`WIDE_GROUPS`]).
 /// On a scene of high dynamic range that is at worst 0.012 of a pixel's own noise; 12-bit
 /// mantissas would save a quarter of the bytes and make it 0.18.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -134,11 +141,26 @@ pub struct FrameBegin {
     pub raw_bits: u8,
     /// Sensor temperature, degrees Celsius.
     pub temperature_c: f32,
-    /// Whether the previous frame had the same light (else it was dark): for effects such as image
-    /// lag.
-    pub lit_before: bool,
+    /// What the sensor saw in the previous frame, for effects such as image lag.
+    pub before: Before,
     /// Exposure and gain; `None`: those of the device's registers.
     pub exposure: Option<Exposure>,
+}
+
+/// What a sensor saw in the previous frame. [`Self::Dark`] and [`Self::Lit`] are the bytes of the
+/// `bool` that was here in older versions, whose devices take no other.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub enum Before {
+    /// No light.
+    Dark,
+    /// The light of this frame, for the exposure of this frame.
+    Lit,
+    /// The light of this frame, for another exposure.
+    LitFor {
+        /// Exposure time of the previous frame, s.
+        exposure_s: f32,
+    },
 }
 
 /// Exposure time and gain.

@@ -82,7 +82,7 @@ fn the_announcement_of_a_frame_and_its_answer() {
         arithmetic: NumberFormat::F32,
         raw_bits: 12,
         temperature_c: 25.0,
-        lit_before: true,
+        before: Before::Lit,
         exposure: Some(Exposure { exposure_s: 0.5, analog_gain: 2.0 }),
     };
     let mut bytes = vec![0, 0xac, 0x02, 5, 2, 80, 31, 1, 0, 12, 0, 0, 0xc8, 0x41, 1, 1];

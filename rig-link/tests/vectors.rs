@@ -336,7 +336,7 @@ fn a_host_sends_the_exchange_to_the_byte() {
         arithmetic: NumberFormat::F32,
         raw_bits: 10,
         temperature_c: 25.0,
-        lit_before: false,
+        before: Before::Dark,
         exposure: Some(Exposure { exposure_s: 0.008, analog_gain: 1.0 }),
     };
     host.begin(begin, SHAPE, false);

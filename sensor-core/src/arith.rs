@@ -5,6 +5,11 @@
 //! are handled in blocks of [`BLOCK`] pixels, which become a few vector instructions on a
 //! workstation and a plain loop on a microcontroller.
 //!
+//! Each has two ranges. Charge is at most a full well ([`MAX_SIGNAL_E`]); the light that falls on a
+//! pixel may be a million times that, as where the sun or a headlamp is in the picture
+//! ([`MAX_LIGHT_E`]). Light and photo-electrons are computed in [`Arith::Light`], what a pixel
+//! holds of them from [`Arith::held`] on in the range of charge.
+//!
 //! Both use only basic IEEE 754 or integer operations: no fused multiply-add and no platform
 //! library, so results have the same bits everywhere.
 
@@ -12,8 +17,8 @@ mod fixed_point;
 mod float;
 mod integer;
 
-pub use fixed_point::Fixed;
-pub use float::Float;
+pub use fixed_point::{Fixed, FixedIn};
+pub use float::{Float, FloatIn};
 
 use crate::stream::Lanes;
 
@@ -28,8 +33,13 @@ pub const fn blocks(width: usize) -> usize {
     width.div_ceil(BLOCK)
 }
 
-/// Largest signal, e⁻: above any full well in use, and what a fixed-point signal can hold.
+/// Largest signal of charge and voltage, e⁻: above any full well in use, and what a fixed-point
+/// signal can hold.
 pub const MAX_SIGNAL_E: f32 = 524_287.0;
+
+/// Largest signal of light and photo-electrons, e⁻: above 10⁴ of the largest full wells, from where
+/// the strongest black sun sets in, and what a fixed-point signal of light can hold.
+pub const MAX_LIGHT_E: f32 = 6.9e9;
 
 /// Mean (e⁻) from which a Poisson count is made from a normal number; below it, from a uniform
 /// one. Errors of both methods: [`crate::effects::shot_noise`].
@@ -61,15 +71,18 @@ mod sealed {
     pub trait Sealed {}
 }
 
-impl sealed::Sealed for Float {}
-impl sealed::Sealed for Fixed {}
+impl<const LIGHT: bool> sealed::Sealed for FloatIn<LIGHT> {}
+impl<const LIGHT: bool> sealed::Sealed for FixedIn<LIGHT> {}
 
 /// Arithmetic of a sensor pipeline: [`Float`] and [`Fixed`], and no others, so that it can gain
 /// operations.
 pub trait Arith: sealed::Sealed + Copy + Send + Sync + 'static {
-    /// A signal, e⁻; magnitudes up to [`MAX_SIGNAL_E`].
+    /// The same arithmetic in the range of light. A signal of one range must be converted to be one
+    /// of the other ([`Self::held`]), though both are of one type, so that they can share memory.
+    type Light: Arith<Signal = Self::Signal, Light = Self::Light>;
+    /// A signal, e⁻; magnitudes up to [`MAX_SIGNAL_E`], in the range of light [`MAX_LIGHT_E`].
     type Signal: Copy + Default + PartialOrd + Send + Sync;
-    /// A dimensionless number of magnitude below 8: gains near 1, normal numbers.
+    /// A dimensionless number of magnitude below 8: normal numbers, 1 + 0.14 of one, shares.
     type Factor: Copy + Send + Sync;
     /// Sum of band contributions of one pixel.
     type Sum: Copy + Default + Send + Sync;
@@ -88,8 +101,13 @@ pub trait Arith: sealed::Sealed + Copy + Send + Sync + 'static {
     fn add(a: Self::Signal, b: Self::Signal) -> Self::Signal;
     /// a - b, saturating.
     fn sub(a: Self::Signal, b: Self::Signal) -> Self::Signal;
-    /// Signal times factor.
+    /// Signal times factor, saturating.
     fn scale(s: Self::Signal, f: Self::Factor) -> Self::Signal;
+    /// Signal times any finite number, saturating.
+    fn times(s: Self::Signal, gain: f32) -> Self::Signal;
+    /// The charge of this many photo-electrons, a signal of [`Self::Light`]; what is above
+    /// [`MAX_SIGNAL_E`] is cut.
+    fn held(light: Self::Signal) -> Self::Signal;
     /// 1 + sigma * n: the gain of a pixel.
     fn gain(sigma: Self::Factor, n: Self::Factor) -> Self::Factor;
     /// Standard normal numbers, one per pixel of a block; uses two draws.
@@ -114,7 +132,7 @@ pub trait Arith: sealed::Sealed + Copy + Send + Sync + 'static {
         exponent: i32,
         weight: &[Self::Weight; 16],
     );
-    /// The accumulated mean photo-electrons as a signal.
+    /// The accumulated mean photo-electrons as a signal of [`Self::Light`].
     fn collected(sum: Self::Sum) -> Self::Signal;
 
     /// DN = round(signal * dn_per_e + black), ties to even, clamped to 0..=max_dn.

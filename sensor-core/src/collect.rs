@@ -8,7 +8,7 @@
 use crate::arith::Arith;
 use crate::config::{ConfigError, FrameSettings, MAX_PATTERN, SensorConfig};
 use crate::crosstalk::{Crosstalk, MAX_NODES, place};
-use crate::spectral::{BandRow, GROUP, power_of_two};
+use crate::spectral::{BandRow, GROUP, is_wide, parts, power_of_two};
 use core::borrow::Borrow;
 
 /// Sums of a group of pixels that share an exponent.
@@ -29,6 +29,23 @@ pub struct Collector<'a, A: Arith> {
     per_unit: f32,
     /// Weights at each node for the current band and row.
     weights: [[Sums<A::Weight>; PHASES]; MAX_NODES],
+}
+
+/// Adds a group with weights x 2^scale to its sums.
+#[inline(always)]
+fn add<A: Arith>(
+    sums: &mut Sums<A::Sum>,
+    (exponent, mantissas): (i8, &[u16; GROUP]),
+    scale: i32,
+    weights: &Sums<A::Weight>,
+) {
+    if is_wide(exponent) {
+        for (exponent, mantissas) in parts(exponent, mantissas) {
+            A::accumulate(sums, &mantissas, exponent + scale, weights);
+        }
+    } else {
+        A::accumulate(sums, mantissas, i32::from(exponent) + scale, weights);
+    }
 }
 
 /// The exponent for which `largest` x 2^-exponent is at most 1.
@@ -91,9 +108,9 @@ impl<'a, A: Arith> Collector<'a, A> {
             let phase = g % phases;
             let first = (g * GROUP) as f32 + 0.5;
             let last = first + (GROUP - 1) as f32;
-            let exponent = i32::from(exponent) + self.scale;
+            let group = (exponent, mantissas.borrow());
             if cells == 0 {
-                A::accumulate(sums, mantissas.borrow(), exponent, &self.weights[0][phase]);
+                add::<A>(sums, group, self.scale, &self.weights[0][phase]);
                 continue;
             }
             while cell + 1 < cells && self.node(cell + 1) <= first {
@@ -110,7 +127,7 @@ impl<'a, A: Arith> Collector<'a, A> {
                     *w = if first + i as f32 >= from { beyond[i] } else { *w };
                 }
             }
-            A::accumulate(sums, mantissas.borrow(), exponent, &weights);
+            add::<A>(sums, group, self.scale, &weights);
         }
     }
 
@@ -126,7 +143,7 @@ impl<'a, A: Arith> Collector<'a, A> {
         let scale = scale_of(exposure_s);
         let weights = [A::weight(exposure_s * power_of_two(-scale)); GROUP];
         for ((exponent, mantissas), sums) in groups.zip(sums) {
-            A::accumulate(sums, mantissas.borrow(), i32::from(exponent) + scale, &weights);
+            add::<A>(sums, (exponent, mantissas.borrow()), scale, &weights);
         }
     }
 

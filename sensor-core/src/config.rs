@@ -2,9 +2,12 @@
 //! frame.
 
 use crate::arith::MAX_SIGNAL_E;
-use crate::effects::{Domain, Effect, Entry, MAX_PARAMETERS, MAX_TABLE, Needs, Parameter};
+use crate::effects::{Class, Domain, Effect, Entry, MAX_PARAMETERS, MAX_TABLE, Needs, Parameter};
 use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// Number of the effect `shot-noise` in the catalogue.
+const SHOT_NOISE: u8 = 1;
 
 /// Largest number of effects in a chain that read their neighbours.
 pub const MAX_WINDOWS: usize = 4;
@@ -98,6 +101,10 @@ pub struct FrameSettings {
     pub analog_gain: f32,
     /// Sensor temperature, °C.
     pub temperature_c: f32,
+    /// Integration time of the previous frame, s, for effects that remember it; `None` where it is
+    /// that of this frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub previous_exposure_s: Option<f32>,
 }
 
 /// Why a sensor, the settings of a frame or the memory for it were refused.
@@ -134,7 +141,7 @@ pub enum ConfigError {
         /// The value that was refused, in the parameter's unit.
         value: f32,
     },
-    /// An effect comes after one of a later [`Domain`].
+    /// An effect comes after one of a later [`Domain`], or one on light after shot noise.
     Order {
         /// Position of the effect in [`SensorConfig::effects`], from 0.
         position: usize,
@@ -194,7 +201,7 @@ impl fmt::Display for ConfigError {
             Self::Order { position, effect, after } => write!(
                 f,
                 "effect {position} ({}) acts on {}, but follows {}, which acts on {}; the order \
-                 is light, photo-electrons, charge, voltage",
+                 is light, shot noise, photo-electrons, charge, voltage",
                 effect.0.kind, effect.1, after.0.kind, after.1
             ),
             Self::Table { position } => write!(
@@ -270,7 +277,8 @@ impl SensorConfig {
     /// chain of effects.
     ///
     /// Effects must come in the order of the physics: their [domains](crate::effects::Domain) must
-    /// not fall along the chain. Within a domain they act in the order in which they are listed.
+    /// not fall along the chain, and shot noise is the last of those on light. Within a domain they
+    /// act in the order in which they are listed.
     ///
     /// # Errors
     /// The first thing found wrong.
@@ -329,8 +337,12 @@ impl SensorConfig {
                 return Err(ConfigError::Table { position });
             }
             let here = (entry, effect.domain());
+            // What changes light changes its shot noise with it.
+            let counted = |after: &'static Entry| {
+                after.id == SHOT_NOISE && here.1 == Domain::Light && entry.class != Class::Shot
+            };
             if let Some(after) = before
-                && here.1 < after.1
+                && (here.1 < after.1 || counted(after.0))
             {
                 return Err(ConfigError::Order { position, effect: here, after });
             }
@@ -359,7 +371,13 @@ impl SensorConfig {
 impl FrameSettings {
     /// Frame 0 with this integration time, s, at unity gain and 25 °C.
     pub const fn new(exposure_s: f32) -> Self {
-        Self { frame: 0, exposure_s, analog_gain: 1.0, temperature_c: 25.0 }
+        Self {
+            frame: 0,
+            exposure_s,
+            analog_gain: 1.0,
+            temperature_c: 25.0,
+            previous_exposure_s: None,
+        }
     }
 
     /// The same with another frame number.
@@ -374,6 +392,18 @@ impl FrameSettings {
         Self { exposure_s, ..self }
     }
 
+    /// The same after a frame with this integration time, s.
+    #[must_use]
+    pub const fn after_exposure(self, previous_exposure_s: f32) -> Self {
+        Self { previous_exposure_s: Some(previous_exposure_s), ..self }
+    }
+
+    /// The settings of the frame before, as far as effects remember it.
+    pub(crate) fn previous(&self) -> Self {
+        let exposure_s = self.previous_exposure_s.unwrap_or(self.exposure_s);
+        Self { frame: self.frame.wrapping_sub(1), exposure_s, ..*self }
+    }
+
     /// The same with another analogue gain, 1 = unity.
     #[must_use]
     pub const fn with_gain(self, analog_gain: f32) -> Self {
@@ -386,7 +416,7 @@ impl FrameSettings {
         Self { temperature_c, ..self }
     }
 
-    /// Checks that exposure and gain are positive finite numbers and the temperature is finite.
+    /// Checks that exposures and gain are positive finite numbers and the temperature is finite.
     ///
     /// # Errors
     /// [`ConfigError::Settings`].
@@ -395,6 +425,7 @@ impl FrameSettings {
         if positive(self.exposure_s)
             && positive(self.analog_gain)
             && self.temperature_c.is_finite()
+            && self.previous_exposure_s.is_none_or(positive)
         {
             Ok(())
         } else {

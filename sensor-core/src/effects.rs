@@ -23,6 +23,7 @@ mod declare;
 
 pub use context::Context;
 pub(crate) use context::beside;
+use declare::same;
 pub(crate) use declare::{catalogue, effect};
 
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
@@ -88,7 +89,7 @@ pub enum Needs {
     Pixel,
     /// The rows above and below at the same point of the chain.
     Neighbours,
-    /// The mean photo-electrons of the same row in the previous frame.
+    /// The light of the same row in the previous frame, as the effect would have found it there.
     PreviousFrame,
 }
 
@@ -102,7 +103,7 @@ pub struct Inputs<'a, S> {
     pub here: &'a [Block<S>],
     /// The row below ([`Needs::Neighbours`]; at the lower edge the row above), else empty.
     pub below: &'a [Block<S>],
-    /// The row's mean photo-electrons in the previous frame ([`Needs::PreviousFrame`]), else
+    /// The row's light in the previous frame, before this effect ([`Needs::PreviousFrame`]), else
     /// empty.
     pub previous: &'a [Block<S>],
 }
@@ -176,6 +177,16 @@ pub const MAX_PARAMETERS: usize = 9;
 /// Words (f32) of the tables of all empirical effects of a sensor: 4 KiB; none in a build without
 /// them.
 pub const MAX_TABLE: usize = if cfg!(feature = "empirical") { 1024 } else { 0 };
+
+/// Whether an effect may act on light or photo-electrons.
+const fn acts_on_light(entry: &Entry) -> bool {
+    matches!(entry.domain, Domain::Light | Domain::Photo) || same(entry.kind, "empirical")
+}
+
+/// Whether an effect may act on charge or voltage.
+const fn acts_on_charge(entry: &Entry) -> bool {
+    matches!(entry.domain, Domain::Charge | Domain::Voltage)
+}
 
 /// A text of the catalogue with the feature `texts`, else an empty one.
 const fn text(text: &'static str) -> &'static str {
@@ -315,9 +326,8 @@ fn add_offset<A: Arith>(row: &mut [Block<A::Signal>], offset_e: f32) {
 /// v *= gain for the whole row.
 #[inline(always)]
 fn scale_all<A: Arith>(row: &mut [Block<A::Signal>], gain: f32) {
-    let gain = A::factor(gain);
     for v in row.as_flattened_mut() {
-        *v = A::scale(*v, gain);
+        *v = A::times(*v, gain);
     }
 }
 
@@ -330,7 +340,7 @@ fn scale_by_place<A: Arith>(
 ) {
     for (b, block) in row.iter_mut().enumerate() {
         for (i, v) in block.iter_mut().enumerate() {
-            *v = A::scale(*v, A::factor(gain(b * BLOCK + i, cx.x(b, i))));
+            *v = A::times(*v, gain(b * BLOCK + i, cx.x(b, i)));
         }
     }
 }

@@ -3,20 +3,24 @@
 //! A pipeline keeps as many rows as its effects need: one, and three more for each effect that
 //! reads its neighbours. Rows may be requested in any order; in rising order each is computed
 //! once. The result of a row depends only on its number and the frame.
+//!
+//! Where an effect remembers the previous frame, the effects of light before it also run on the
+//! light of that frame, with its exposure and number and in memory of their own.
 
 use crate::arith::{Arith, BLOCK, Block, blocks};
 use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, MAX_WINDOWS, SensorConfig};
-use crate::effects::{Context, Effect, Inputs, Needs, beside};
+use crate::effects::{Context, Domain, Effect, Inputs, Needs, beside};
 use crate::stream::Key;
 
 /// Source of the mean photo-electrons of a pipeline.
 pub trait MeanRows<A: Arith> {
     /// Writes the mean photo-electrons (e⁻) of a row into `out`, which holds
-    /// [`blocks`] of the width; values beyond the last pixel are ignored.
+    /// [`blocks`] of the width, as signals of [`Arith::Light`]; values beyond the last pixel are
+    /// ignored.
     fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]);
 
-    /// Writes the mean photo-electrons (e⁻) that the row had in the previous frame; darkness by
-    /// default.
+    /// The same in the light of the previous frame, at the exposure of this one; darkness by
+    /// default. The pipeline accounts for the previous frame's own exposure.
     fn previous_mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
         let _ = row;
         out.fill([A::Signal::default(); BLOCK]);
@@ -50,11 +54,13 @@ impl<S> Window<'_, S> {
         self.rows.get(start..start + len).unwrap_or(&[])
     }
 
+    /// Place for a row, and for the note that it is held.
     #[inline(always)]
-    fn get_mut(&mut self, row: u32) -> &mut [Block<S>] {
+    fn get_mut(&mut self, row: u32) -> (&mut [Block<S>], &mut Option<u32>) {
         let len = self.rows.len() / 3;
-        let start = (row % 3) as usize * len;
-        self.rows.get_mut(start..start + len).unwrap_or(&mut [])
+        let third = (row % 3) as usize;
+        let place = self.rows.get_mut(third * len..(third + 1) * len).unwrap_or(&mut []);
+        (place, &mut self.held[third])
     }
 
     #[inline(always)]
@@ -63,22 +69,234 @@ impl<S> Window<'_, S> {
     }
 }
 
+/// The chain, or its beginning, in one frame: what its stages know, and the rows between them.
+struct Run<'a, S> {
+    cx: Context<'a>,
+    windows: heapless::Vec<Window<'a, S>, MAX_WINDOWS>,
+    /// The row that leaves it.
+    row: &'a mut [Block<S>],
+}
+
 /// The signal chain of one frame.
 pub struct Pipeline<'a, A: Arith> {
     config: &'a SensorConfig,
-    cx: Context<'a>,
-    links: heapless::Vec<Link, MAX_EFFECTS>,
-    windows: heapless::Vec<Window<'a, A::Signal>, MAX_WINDOWS>,
-    /// The finished row, and the previous frame's row if an effect needs it.
-    row: &'a mut [Block<A::Signal>],
-    previous: &'a mut [Block<A::Signal>],
+    chain: heapless::Vec<Link, MAX_EFFECTS>,
+    /// Number of effects on light and photo-electrons, the first of the chain.
+    light: usize,
+    now: Run<'a, A::Signal>,
+    before: Option<Before<'a, A::Signal>>,
+}
+
+/// The previous frame, up to the effect that remembers it.
+struct Before<'a, S> {
+    /// Number of effects before that one.
+    links: usize,
+    /// Exposure of the previous frame over that of this one.
+    exposure_ratio: f32,
+    run: Run<'a, S>,
+}
+
+/// Number of the first effect that remembers the previous frame.
+fn remembering(config: &SensorConfig) -> Option<usize> {
+    config.effects.iter().position(|e| e.entry().needs == Needs::PreviousFrame)
+}
+
+fn windows(effects: &[Effect]) -> usize {
+    effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count()
 }
 
 /// Number of blocks of memory that [`Pipeline::new`] needs for a sensor.
 pub fn memory_blocks(config: &SensorConfig) -> usize {
-    let count = |needs| config.effects.iter().filter(|e| e.entry().needs == needs).count();
-    let rows = 1 + 3 * count(Needs::Neighbours) + count(Needs::PreviousFrame).min(1);
+    let before = remembering(config).and_then(|first| config.effects.get(..first));
+    let rows = 1 + 3 * windows(&config.effects) + before.map_or(0, |e| 1 + 3 * windows(e));
     rows * blocks(config.width as usize)
+}
+
+impl<'a, S> Run<'a, S> {
+    /// A run of these effects, which takes its memory, rows of `len` blocks, from the beginning of
+    /// `memory`.
+    fn new(
+        cx: Context<'a>,
+        effects: &[Effect],
+        len: usize,
+        memory: &mut &'a mut [Block<S>],
+    ) -> Result<Self, ConfigError> {
+        let mut take = |count: usize| {
+            let (rows, rest) =
+                core::mem::take(memory).split_at_mut_checked(count).ok_or(ConfigError::Memory)?;
+            *memory = rest;
+            Ok(rows)
+        };
+        let row = take(len)?;
+        let mut run = Self { cx, windows: heapless::Vec::new(), row };
+        for _ in 0..windows(effects) {
+            let window = Window { rows: take(3 * len)?, held: [None; 3] };
+            run.windows.push(window).map_err(|_| ConfigError::Memory)?;
+        }
+        Ok(run)
+    }
+
+    /// Takes the steps, by level and row, that a row needs to leave the run.
+    #[inline(always)]
+    fn advance(&mut self, row: u32, mut step: impl FnMut(&mut Self, usize, u32)) {
+        let (depth, height) = (self.windows.len() as u32, self.cx.height);
+        // Rows move through the windows one behind the other: when row t enters the first window,
+        // row t - 1 leaves it and enters the second, and so on. A row that follows the last one
+        // requested needs one step only: then each window holds the row that leaves it and the one
+        // above.
+        let ready = |(level, window): (usize, &Window<'_, S>)| {
+            let leaves = row + depth - 1 - level as u32;
+            let above = leaves.saturating_sub(1);
+            leaves >= height || (window.holds(leaves) && window.holds(above))
+        };
+        let held = self.windows.iter().enumerate().all(ready);
+        let first = if held { row + depth } else { row.saturating_sub(depth) };
+        for t in first..=row + depth {
+            for level in 0..=depth {
+                let requested = level < depth || t == row + depth;
+                if requested && t >= level && t - level < height {
+                    step(self, level as usize, t - level);
+                }
+            }
+        }
+    }
+
+    /// A row on its way through a level: from the level's window to the next window, or to the end
+    /// of the run. `None` while the window lacks its neighbours.
+    #[inline(always)]
+    fn at(&mut self, level: usize, row: u32) -> Option<At<'_, S>>
+    where
+        S: Copy,
+    {
+        let level = level.min(self.windows.len());
+        let (below, above) = self.windows.split_at_mut(level);
+        let [row_above, row_below] = beside(row, self.cx.height);
+        let mut at = At { out: &mut *self.row, held: None, beside: None };
+        if let Some(window) = above.first_mut() {
+            let (place, held) = window.get_mut(row);
+            *held = None;
+            (at.out, at.held) = (place, Some(held));
+        }
+        if let Some(window) = below.last() {
+            let rows = [row_above, row, row_below];
+            if !rows.iter().all(|&n| window.holds(n)) {
+                return None;
+            }
+            let rows = rows.map(|n| window.get(n));
+            for (o, i) in at.out.iter_mut().zip(rows[1]) {
+                *o = *i;
+            }
+            at.beside = Some(rows);
+        }
+        Some(at)
+    }
+}
+
+/// A row on its way: see [`Run::at`].
+struct At<'r, S> {
+    out: &'r mut [Block<S>],
+    /// Where the next window notes that it holds the row.
+    held: Option<&'r mut Option<u32>>,
+    /// The row above, the row and the row below, before the effect that reads them.
+    beside: Option<[&'r [Block<S>]; 3]>,
+}
+
+/// What an effect reads beside the row.
+#[inline(always)]
+fn inputs<'r, S>(
+    needs: Needs,
+    beside: Option<[&'r [Block<S>]; 3]>,
+    previous: &'r [Block<S>],
+) -> Inputs<'r, S> {
+    let [above, here, below] = match needs {
+        Needs::Neighbours => beside.unwrap_or_default(),
+        _ => Default::default(),
+    };
+    Inputs { above, here, below, previous }
+}
+
+impl<S: Copy> Before<'_, S> {
+    /// The row's light as the effect that remembers it would have found it in the previous frame.
+    #[inline(always)]
+    fn light<A: Arith<Signal = S>>(
+        &mut self,
+        chain: &[Link],
+        row: u32,
+        source: &mut (impl MeanRows<A> + ?Sized),
+    ) -> &[Block<S>] {
+        let chain = chain.get(..self.links).unwrap_or_default();
+        let ratio = self.exposure_ratio;
+        self.run.advance(row, |run, level, row| {
+            let cx = Context { row, ..run.cx };
+            let Some(at) = run.at(level, row) else { return };
+            if at.beside.is_none() {
+                source.previous_mean_row(row, at.out);
+                if ratio != 1.0 {
+                    for e in at.out.as_flattened_mut() {
+                        *e = A::Light::times(*e, ratio);
+                    }
+                }
+            }
+            for (_, link) in of_level(chain, level) {
+                let inputs = inputs(link.effect.entry().needs, at.beside, &[]);
+                let cx = Context { key: link.key, ..cx };
+                link.effect.apply_to_light::<A::Light>(&cx, &inputs, at.out);
+            }
+            if let Some(held) = at.held {
+                *held = Some(row);
+            }
+        });
+        self.run.row
+    }
+}
+
+/// The links of a level, those between two windows, with their places in the chain.
+#[inline(always)]
+fn of_level(chain: &[Link], level: usize) -> impl Iterator<Item = (usize, &Link)> {
+    let mut passed = 0;
+    chain.iter().enumerate().filter(move |(_, link)| {
+        passed += usize::from(link.effect.entry().needs == Needs::Neighbours);
+        passed == level
+    })
+}
+
+/// What the stages of a frame know before its first row.
+fn context<'a>(config: &'a SensorConfig, settings: &FrameSettings, chain: &[Link]) -> Context<'a> {
+    let mut cx = Context {
+        width: config.width,
+        height: config.height,
+        row: 0,
+        frame: settings.frame,
+        exposure_s: settings.exposure_s,
+        nominal_exposure_s: settings.exposure_s,
+        temperature_c: settings.temperature_c,
+        analog_gain: settings.analog_gain,
+        dn_per_e: config.dn_per_e(settings.analog_gain),
+        full_well_e: config.full_well_e,
+        black_level_dn: config.black_level_dn,
+        max_dn: config.max_dn(),
+        pattern: &config.pattern,
+        #[cfg(feature = "empirical")]
+        table: &config.table,
+        #[cfg(feature = "read-noise-spread")]
+        read_noise_spread: None,
+        #[cfg(feature = "exact-shot-noise")]
+        exact_shot_noise: None,
+        key: Key::new(config.seed),
+    };
+    for link in chain {
+        cx.key = link.key;
+        link.effect.prepare(&mut cx);
+    }
+    cx
+}
+
+/// From photo-electrons to the charge that they are.
+#[inline(always)]
+fn hold<A: Arith>(row: &mut [Block<A::Signal>]) {
+    for e in row.as_flattened_mut() {
+        *e = A::held(*e);
+    }
 }
 
 impl<'a, A: Arith> Pipeline<'a, A> {
@@ -94,144 +312,82 @@ impl<'a, A: Arith> Pipeline<'a, A> {
     ) -> Result<Self, ConfigError> {
         config.check()?;
         settings.check()?;
-        let mut links: heapless::Vec<Link, MAX_EFFECTS> = heapless::Vec::new();
+        let mut chain: heapless::Vec<Link, MAX_EFFECTS> = heapless::Vec::new();
         for effect in &config.effects {
             let entry = effect.entry();
             // Effects of one kind differ by their order.
-            let nth = links.iter().filter(|l| l.effect.entry().id == entry.id).count() as u32;
+            let nth = chain.iter().filter(|l| l.effect.entry().id == entry.id).count() as u32;
             let key = Key::new(config.seed).with(u32::from(entry.id)).with(nth);
-            links.push(Link { effect: *effect, key }).map_err(|_| ConfigError::Memory)?;
+            chain.push(Link { effect: *effect, key }).map_err(|_| ConfigError::Memory)?;
         }
         let len = blocks(config.width as usize);
-        let (row, mut rest) = memory.split_at_mut_checked(len).ok_or(ConfigError::Memory)?;
-        let mut previous: &mut [Block<A::Signal>] = &mut [];
-        if links.iter().any(|l| l.effect.entry().needs == Needs::PreviousFrame) {
-            (previous, rest) = rest.split_at_mut_checked(len).ok_or(ConfigError::Memory)?;
+        let mut memory = memory;
+        let now = Run::new(context(config, settings, &chain), &config.effects, len, &mut memory)?;
+        let mut before = None;
+        if let Some(links) = remembering(config)
+            && let Some(effects) = config.effects.get(..links)
+        {
+            let previous = settings.previous();
+            before = Some(Before {
+                links,
+                exposure_ratio: previous.exposure_s / settings.exposure_s,
+                run: Run::new(context(config, &previous, &chain), effects, len, &mut memory)?,
+            });
         }
-        let mut windows = heapless::Vec::new();
-        for _ in links.iter().filter(|l| l.effect.entry().needs == Needs::Neighbours) {
-            let (rows, left) = rest.split_at_mut_checked(3 * len).ok_or(ConfigError::Memory)?;
-            rest = left;
-            windows.push(Window { rows, held: [None; 3] }).map_err(|_| ConfigError::Memory)?;
-        }
-        let mut cx = Context {
-            width: config.width,
-            height: config.height,
-            row: 0,
-            frame: settings.frame,
-            exposure_s: settings.exposure_s,
-            nominal_exposure_s: settings.exposure_s,
-            temperature_c: settings.temperature_c,
-            analog_gain: settings.analog_gain,
-            dn_per_e: config.dn_per_e(settings.analog_gain),
-            full_well_e: config.full_well_e,
-            black_level_dn: config.black_level_dn,
-            max_dn: config.max_dn(),
-            pattern: &config.pattern,
-            #[cfg(feature = "empirical")]
-            table: &config.table,
-            #[cfg(feature = "read-noise-spread")]
-            read_noise_spread: None,
-            #[cfg(feature = "exact-shot-noise")]
-            exact_shot_noise: None,
-            key: Key::new(config.seed),
-        };
-        for link in &links {
-            cx.key = link.key;
-            link.effect.prepare(&mut cx);
-        }
-        Ok(Self { config, cx, links, windows, row, previous })
+        let light = chain.iter().filter(|l| l.effect.domain() < Domain::Charge).count();
+        Ok(Self { config, chain, light, now, before })
     }
 
     /// Computes one row of DN into `out`, which holds the sensor's width. A row number beyond the
     /// sensor leaves `out` as it is.
     #[inline(always)]
     pub fn row(&mut self, row: u32, source: &mut (impl MeanRows<A> + ?Sized), out: &mut [u16]) {
-        if row >= self.cx.height {
+        if row >= self.config.height {
             return;
         }
-        let depth = self.windows.len() as u32;
-        // Rows move through the windows one behind the other: when row t enters the first window,
-        // row t - 1 leaves it and enters the second, and so on. A row that follows the last one
-        // requested needs one step only: then each window holds the row that leaves it and the one
-        // above.
-        let ready = |(level, window): (usize, &Window<'_, A::Signal>)| {
-            let leaves = row + depth - 1 - level as u32;
-            let above = leaves.saturating_sub(1);
-            leaves >= self.cx.height || (window.holds(leaves) && window.holds(above))
-        };
-        let held = self.windows.iter().enumerate().all(ready);
-        let first = if held { row + depth } else { row.saturating_sub(depth) };
-        for t in first..=row + depth {
-            for level in 0..=depth {
-                let requested = level < depth || t == row + depth;
-                if requested && t >= level && t - level < self.cx.height {
-                    self.step(level as usize, t - level, source);
+        let Self { config, chain, light, now, before } = self;
+        now.advance(row, |run, level, row| {
+            let cx = Context { row, ..run.cx };
+            let Some(at) = run.at(level, row) else { return };
+            let (beside, out) = (at.beside, at.out);
+            if beside.is_none() {
+                source.mean_row(row, out);
+                if *light == 0 {
+                    hold::<A>(out);
                 }
             }
-        }
-        let gain = self.cx.dn_per_e;
-        let (black, max) = (self.config.black_level_dn, self.config.max_dn());
-        for (block, out) in self.row.iter().zip(out.chunks_mut(BLOCK)) {
+            for (i, link) in of_level(chain, level) {
+                let needs = link.effect.entry().needs;
+                let previous: &[_] = match before {
+                    Some(before) if needs == Needs::PreviousFrame => {
+                        before.light(chain, row, source)
+                    }
+                    _ => &[],
+                };
+                let inputs = inputs(needs, beside, previous);
+                let cx = Context { key: link.key, ..cx };
+                if i < *light {
+                    link.effect.apply_to_light::<A::Light>(&cx, &inputs, out);
+                } else {
+                    link.effect.apply_to_charge::<A>(&cx, &inputs, out);
+                }
+                if i + 1 == *light {
+                    hold::<A>(out);
+                }
+            }
+            if let Some(held) = at.held {
+                *held = Some(row);
+            }
+        });
+        let gain = now.cx.dn_per_e;
+        let (black, max) = (config.black_level_dn, config.max_dn());
+        for (block, out) in now.row.iter().zip(out.chunks_mut(BLOCK)) {
             let mut dn = [0; BLOCK];
             A::digitise(block, gain, black, max, &mut dn);
             match out.first_chunk_mut::<BLOCK>() {
                 Some(whole) => *whole = dn,
                 None => out.iter_mut().zip(dn).for_each(|(o, d)| *o = d),
             }
-        }
-    }
-
-    /// Computes a row at a level: from the level's window to the next window, or to the end of the
-    /// chain.
-    #[inline(always)]
-    fn step(&mut self, level: usize, row: u32, source: &mut (impl MeanRows<A> + ?Sized)) {
-        let mut cx = Context { row, ..self.cx };
-        let at = level.min(self.windows.len());
-        let (below, above) = self.windows.split_at_mut(at);
-        let [row_above, row_below] = beside(row, self.cx.height);
-        let mut out: &mut [Block<A::Signal>] = self.row;
-        if let Some(window) = above.first_mut() {
-            window.held[(row % 3) as usize] = None;
-            out = window.get_mut(row);
-        }
-        let window = below.last();
-        if let Some(window) = window {
-            if ![row_above, row, row_below].iter().all(|&n| window.holds(n)) {
-                return;
-            }
-            for (o, i) in out.iter_mut().zip(window.get(row)) {
-                *o = *i;
-            }
-        } else {
-            source.mean_row(row, out);
-        }
-        let mut passed = 0;
-        for link in &self.links {
-            let needs = link.effect.entry().needs;
-            passed += usize::from(needs == Needs::Neighbours);
-            if passed != level {
-                continue;
-            }
-            let mut inputs =
-                Inputs::<A::Signal> { above: &[], here: &[], below: &[], previous: &[] };
-            match (needs, window) {
-                (Needs::Neighbours, Some(window)) => {
-                    inputs.above = window.get(row_above);
-                    inputs.here = window.get(row);
-                    inputs.below = window.get(row_below);
-                }
-                (Needs::PreviousFrame, _) => {
-                    source.previous_mean_row(row, self.previous);
-                    inputs.previous = self.previous;
-                }
-                _ => {}
-            }
-            cx.key = link.key;
-            link.effect.apply::<A>(&cx, &inputs, out);
-        }
-        if let Some(window) = above.first_mut() {
-            window.held[(row % 3) as usize] = Some(row);
         }
     }
 }

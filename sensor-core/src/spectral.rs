@@ -6,6 +6,13 @@
 //! group's largest value (for shot-noise limited pixels of similar brightness, about 1 % of their
 //! own noise or less). The same rows are used in memory, in files and on a rig's link, so results
 //! do not depend on where a sensor runs.
+//!
+//! # Groups of high dynamic range
+//! Beside a lamp the largest value of a group would leave the others nothing of 16 bits. Where a
+//! value is below 2⁻¹² of the largest, each pixel has an exponent of its own: a mantissa is then a
+//! floating-point number, x in its upper 5 bits and f in its lower 11, that stands for f where x is
+//! 0, else for (2048 + f) 2^(x − 1), and the group's exponent e, 112 to 127, for the unit 2^(8 (e −
+//! 112) − 96). Each value is then right to 2⁻¹², down to 2⁻²³ (138 dB) of the largest at least.
 
 use crate::math;
 
@@ -36,6 +43,78 @@ impl<'a> BandRow<'a> {
     }
 }
 
+/// First exponent of groups of high dynamic range: no others are above 111.
+const WIDE: i8 = 112;
+/// Exponent of their unit at [`WIDE`], and from one to the next.
+const WIDE_FROM: i32 = -96;
+const WIDE_STEP: i32 = 8;
+/// Largest exponent of values in such groups: bits of the largest number of units, less one.
+const WIDE_OCTAVES: i32 = 41;
+/// Bits of f.
+const FRACTION_BITS: u32 = 11;
+/// A group of which a value is below this share of the largest is one of high dynamic range. There
+/// the rounding of other groups would be 3 % of the value, and that of such a group is half of what
+/// it is for the largest value, 2⁻¹².
+const WIDE_BELOW: f32 = 1.0 / 4096.0;
+
+/// Whether an exponent, as on the link, is that of a group of high dynamic range.
+pub const fn is_wide(exponent: i8) -> bool {
+    exponent >= WIDE
+}
+
+/// Exponent of the unit of a group of high dynamic range.
+#[inline(always)]
+fn wide_unit(exponent: i8) -> i32 {
+    WIDE_FROM + WIDE_STEP * (i32::from(exponent) - i32::from(WIDE))
+}
+
+/// Units of a mantissa in such a group: an integer below 2¹², and bits to shift it up.
+#[inline(always)]
+fn wide_units(mantissa: u16) -> (u16, u32) {
+    let (x, f) = (mantissa >> FRACTION_BITS, mantissa & ((1 << FRACTION_BITS) - 1));
+    if x == 0 { (f, 0) } else { (f | 1 << FRACTION_BITS, u32::from(x) - 1) }
+}
+
+/// Bits by which mantissas of a plain group, of 16, can be above the integers of [`wide_units`].
+const PART_BITS: u32 = 5;
+/// Plain groups of which a group of high dynamic range is the sum.
+const PARTS: u32 = 31u32.div_ceil(PART_BITS);
+
+/// A group of high dynamic range as the sum of plain groups: their exponents and mantissas.
+#[inline(always)]
+pub(crate) fn parts(
+    exponent: i8,
+    mantissas: &[u16; GROUP],
+) -> impl Iterator<Item = (i32, [u16; GROUP])> + '_ {
+    (0..PARTS).map(move |part| {
+        let of_part = |mantissa: &u16| {
+            let (integer, shift) = wide_units(*mantissa);
+            if shift / PART_BITS == part { integer << (shift % PART_BITS) } else { 0 }
+        };
+        let exponent = wide_unit(exponent) + (PART_BITS * part) as i32;
+        (exponent, core::array::from_fn(|i| mantissas.get(i).map_or(0, of_part)))
+    })
+}
+
+/// The exponent of a group of high dynamic range with this largest value, if it has one.
+#[inline(always)]
+fn wide_exponent_for(largest: f32) -> Option<i8> {
+    let floor_log2 = (largest.to_bits() >> 23) as i32 - 127;
+    let steps = (floor_log2 - WIDE_OCTAVES - WIDE_FROM + WIDE_STEP - 1).div_euclid(WIDE_STEP);
+    (0..=i32::from(i8::MAX - WIDE)).contains(&steps).then_some(WIDE + steps as i8)
+}
+
+/// Mantissa for so many units: the nearest.
+#[inline(always)]
+fn wide_mantissa(units: f32) -> u16 {
+    let floor_log2 = (units.to_bits() >> 23) as i32 - 127;
+    let shift = (floor_log2 - FRACTION_BITS as i32).max(0);
+    // A number that rounds up to the next power of two is its code, too.
+    let integer = math::round(units * power_of_two(-shift)) as u32;
+    let code = integer + ((shift as u32) << FRACTION_BITS);
+    code.min(u16::MAX.into()) as u16
+}
+
 /// Number of groups in a row of `width` pixels.
 pub const fn groups(width: usize) -> usize {
     width.div_ceil(GROUP)
@@ -64,6 +143,16 @@ pub fn encode(values: &[f32], exponents: &mut [i8], mantissas: &mut [u16]) {
     for ((values, mantissas), exponent) in groups {
         let positive = |v: f32| if v > 0.0 && v < f32::MAX { v } else { 0.0 };
         let largest = values.iter().fold(0.0, |a: f32, &v| if positive(v) > a { v } else { a });
+        let small = largest * WIDE_BELOW;
+        let is_wide = values.iter().fold(false, |any, &v| any | (v > 0.0 && v < small));
+        if is_wide && let Some(e) = wide_exponent_for(largest) {
+            let per_unit = power_of_two(-wide_unit(e));
+            for (m, &v) in mantissas.iter_mut().zip(values) {
+                *m = wide_mantissa(positive(v) * per_unit);
+            }
+            *exponent = e;
+            continue;
+        }
         let mut e = exponent_for(largest);
         // A mantissa that would round up to 2^16 needs the next exponent.
         if largest * power_of_two(-i32::from(e)) >= 65_535.5 {
@@ -81,6 +170,13 @@ pub fn encode(values: &[f32], exponents: &mut [i8], mantissas: &mut [u16]) {
 pub fn decode(row: BandRow<'_>, values: &mut [f32]) {
     let groups = values.chunks_mut(GROUP).zip(row.mantissas.chunks(GROUP)).zip(row.exponents);
     for ((values, mantissas), &e) in groups {
+        if is_wide(e) {
+            for (v, &m) in values.iter_mut().zip(mantissas) {
+                let (integer, shift) = wide_units(m);
+                *v = f32::from(integer) * power_of_two(wide_unit(e) + shift as i32);
+            }
+            continue;
+        }
         let unit = power_of_two(i32::from(e));
         for (v, &m) in values.iter_mut().zip(mantissas) {
             *v = f32::from(m) * unit;
@@ -100,7 +196,7 @@ mod tests {
             (seed >> 8) as f32 / 16_777_216.0
         };
         for scale in [1e-30f32, 1e-6, 0.999_999_9, 1.0, 3e4] {
-            let values: [f32; 40] = core::array::from_fn(|_| next() * next() * scale);
+            let values: [f32; 40] = core::array::from_fn(|_| (0.1 + next() * next()) * scale);
             let (mut e, mut m, mut back) = ([0; 3], [0; 40], [0.0; 40]);
             encode(&values, &mut e, &mut m);
             decode(BandRow { exponents: &e, mantissas: &m }, &mut back);
@@ -110,6 +206,40 @@ mod tests {
                     assert!((v - b).abs() <= largest * 2f32.powi(-16), "{v} {b}");
                 }
             }
+        }
+    }
+
+    /// A lamp of 10⁴ to 10⁷ times its surroundings: both are right to 2⁻¹² of themselves, as one
+    /// group and as the sum of its parts.
+    #[test]
+    fn what_lies_beside_a_lamp_keeps_its_value() {
+        for lamp in [4e4f32, 1e5, 1e6, 8e6] {
+            for scale in [1e-17f32, 3.3e-9, 1.0, 7e5, 1e10] {
+                let values: [f32; 16] = core::array::from_fn(|i| match i {
+                    3 => lamp * scale,
+                    7 => 0.0,
+                    i => (1.0 + i as f32 / 7.0) * scale,
+                });
+                let (mut e, mut m, mut back) = ([0; 1], [0; 16], [0.0; 16]);
+                encode(&values, &mut e, &mut m);
+                decode(BandRow { exponents: &e, mantissas: &m }, &mut back);
+                let mut sums = [0.0f64; 16];
+                for (exponent, mantissas) in parts(e[0], &m) {
+                    for (sum, m) in sums.iter_mut().zip(mantissas) {
+                        *sum += f64::from(m) * 2f64.powi(exponent);
+                    }
+                }
+                for ((v, b), sum) in values.iter().zip(back).zip(sums) {
+                    assert!((v - b).abs() <= v * 2f32.powi(-12), "{lamp} {scale}: {v} {b}");
+                    assert_eq!(f64::from(b), sum);
+                }
+            }
+        }
+        // Without one, or with nothing at all beside it, a group has one exponent.
+        for dark in [0.0, 1.0] {
+            let (mut e, mut m) = ([0; 1], [0; 16]);
+            encode(&[4000.0, dark], &mut e, &mut m);
+            assert!(!is_wide(e[0]));
         }
     }
 

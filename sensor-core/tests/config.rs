@@ -25,7 +25,9 @@ fn domains_must_not_fall_along_the_chain() {
     for a in catalogue() {
         for b in catalogue() {
             let result = check(&[plain(a), plain(b)]);
-            if a.domain <= b.domain {
+            // What changes light comes before its shot noise.
+            let is_late = a.kind == "shot-noise" && b.domain == Domain::Light;
+            if a.domain <= b.domain && (!is_late || b.class == Class::Shot) {
                 assert_eq!(result, Ok(()), "{} then {}", a.kind, b.kind);
             } else {
                 let order = ConfigError::Order {
@@ -41,7 +43,7 @@ fn domains_must_not_fall_along_the_chain() {
 
 #[test]
 fn order_within_a_domain_is_free() {
-    let (a, b) = (prnu::Prnu { sigma: 0.01 }.into(), image_lag::ImageLag { fraction: 0.1 }.into());
+    let (a, b) = (prnu::Prnu { sigma: 0.01 }.into(), black_sun::BlackSun { onset: 10.0 }.into());
     assert_eq!(check(&[a, b]), Ok(()));
     assert_eq!(check(&[b, a]), Ok(()));
 }

@@ -18,6 +18,8 @@ in_both_arithmetics! {
     column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
     random_telegraph_noise heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
     light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
+    what_lags_is_charge_that_was_held crosstalk_of_the_frame_before_lags
+    less_light_has_its_own_shot_noise much_light_has_the_law_of_poisson
     amp_glow dark_current_gradient
 }
 
@@ -336,31 +338,129 @@ fn colours_of_the_border<A: Arith>() {
     }
 }
 
-/// One level now, another in the frame before.
-struct AfterLight;
+/// One level now, another in the light of the frame before.
+struct AfterLight<F>(f32, F);
 
-impl<A: Arith> camrig_sensor_core::pipeline::MeanRows<A> for AfterLight {
-    fn mean_row(&mut self, _: u32, out: &mut [[A::Signal; camrig_sensor_core::arith::BLOCK]]) {
-        out.as_flattened_mut().fill(A::signal(100.0));
+impl<A: Arith, F: Fn(u32) -> f32> camrig_sensor_core::pipeline::MeanRows<A> for AfterLight<F> {
+    fn mean_row(&mut self, _: u32, out: &mut [[A::Signal; BLOCK]]) {
+        out.as_flattened_mut().fill(A::Light::signal(self.0));
     }
 
-    fn previous_mean_row(
-        &mut self,
-        _: u32,
-        out: &mut [[A::Signal; camrig_sensor_core::arith::BLOCK]],
-    ) {
-        out.as_flattened_mut().fill(A::signal(5000.0));
+    fn previous_mean_row(&mut self, row: u32, out: &mut [[A::Signal; BLOCK]]) {
+        out.as_flattened_mut().fill(A::Light::signal((self.1)(row)));
     }
 }
 
+/// What lags is thinned: its law is that of Poisson, so that the variance is the mean and photon
+/// transfer reads the true gain, where a share of the counts would leave (1 − l)² µ + l µ_before.
 fn image_lag<A: Arith>() {
-    let effects = [shot_noise::ShotNoise {}.into(), image_lag::ImageLag { fraction: 0.02 }.into()];
-    let config = monochrome(512, 128, &effects);
-    let dn = frame::<A>(&config, &SETTINGS, &mut AfterLight);
-    let v = electrons(&config, &SETTINGS, &dn);
-    let (expected, var) = (98.0 + 100.0, 0.98 * 0.98 * 100.0 + 100.0 + ROUNDING);
-    near("mean", mean(&v), expected, (var / v.len() as f64).sqrt());
-    near_variance("variance", variance(&v), var, v.len(), 0.01);
+    let lag = image_lag::ImageLag { fraction: 0.1 };
+    let config = monochrome(512, 128, &[lag.into(), shot_noise::ShotNoise {}.into()]);
+    for (now, before) in [(100.0, 5000.0), (1000.0, 1000.0), (2000.0, 0.0)] {
+        let dn = frame::<A>(&config, &SETTINGS, &mut AfterLight(now, |_| before));
+        let v = electrons(&config, &SETTINGS, &dn);
+        let expected = f64::from(0.9 * now + 0.1 * before);
+        near("mean", mean(&v), expected, (expected / v.len() as f64).sqrt());
+        near_variance("variance", variance(&v), expected + ROUNDING, v.len(), 0.01);
+    }
+}
+
+/// Electrons of a flat under effects of light, without noise.
+fn after<A: Arith>(effects: &[Effect], settings: &FrameSettings, before: f32) -> f64 {
+    let config = monochrome(8, 8, effects);
+    let dn = frame::<A>(&config, settings, &mut AfterLight(1000.0, |_| before));
+    mean(&electrons(&config, settings, &dn))
+}
+
+/// l min(µ_before, W), with µ_before of the previous frame's own exposure and after the effects of
+/// light that stand before.
+fn what_lags_is_charge_that_was_held<A: Arith>() {
+    let lag: Effect = image_lag::ImageLag { fraction: 0.05 }.into();
+    let half: Effect = quantum_efficiency::QuantumEfficiency { ratio: 0.5 }.into();
+    let full = 65_535.0 / DN_PER_E;
+    let near = |what: &str, got: f64, want: f64| {
+        assert!((got - want).abs() < 1.0 / DN_PER_E, "{what}: {got}, expected {want}");
+    };
+    for before in [1e5, 1e8] {
+        near("above full well", after::<A>(&[lag], &SETTINGS, before), 950.0 + 0.05 * full);
+    }
+    let bracket = SETTINGS.after_exposure(4.0 * SETTINGS.exposure_s);
+    near("longer before", after::<A>(&[lag], &bracket, 1000.0), 950.0 + 0.05 * 4000.0);
+    let short = SETTINGS.after_exposure(0.25 * SETTINGS.exposure_s);
+    near("shorter before", after::<A>(&[lag], &short, 1e8), 950.0 + 0.05 * full);
+    near("half of both", after::<A>(&[half, lag], &bracket, 1000.0), 475.0 + 0.05 * 2000.0);
+    // An exposure that is off by a constant is off in both frames.
+    let offset = exposure_offset::ExposureOffset { offset_us: 1000.0, step_us: 0.0 };
+    let expected = 0.95 * 1100.0 + 0.05 * 4100.0;
+    near("offset of both", after::<A>(&[offset.into(), lag], &bracket, 1000.0), expected);
+}
+
+/// A bright row before: crosstalk spreads it in the frame in which it was there.
+fn crosstalk_of_the_frame_before_lags<A: Arith>() {
+    let spread = optical_crosstalk::OpticalCrosstalk { side: 0.0, vertical: 0.1, diagonal: 0.0 };
+    let lag = image_lag::ImageLag { fraction: 0.1 };
+    let config = monochrome(70, 9, &[spread.into(), lag.into()]);
+    let bright = |row| if row == 4 { 4000.0 } else { 0.0 };
+    let dn = frame::<A>(&config, &SETTINGS, &mut AfterLight(100.0, bright));
+    for (i, v) in electrons(&config, &SETTINGS, &dn).into_iter().enumerate() {
+        let before = match i / 70 {
+            4 => 3200.0,
+            3 | 5 => 400.0,
+            _ => 0.0,
+        };
+        assert!((v - (90.0 + 0.1 * before)).abs() < 1.0 / DN_PER_E, "{i}: {v}");
+    }
+    // Rows on request are those of the frame.
+    for row in [8, 3, 4, 0] {
+        let light = &mut AfterLight(100.0, bright);
+        let alone = rows_of::<A>(&config, &SETTINGS, light, &[row]);
+        assert_eq!(alone, dn[row as usize * 70..][..70], "row {row}");
+    }
+}
+
+/// Covered and weak pixels collect less light, and that has its own shot noise.
+fn less_light_has_its_own_shot_noise<A: Arith>() {
+    let covered = pdaf_pattern::PdafPattern {
+        period_x: 1.0,
+        period_y: 1.0,
+        first_x: 0.0,
+        first_y: 0.0,
+        gain: 0.25,
+    };
+    let weak = defective_pixels::DefectivePixels { fraction: 1.0, gain: 0.25 };
+    for effect in [Effect::from(covered), weak.into()] {
+        let config = monochrome(256, 128, &[effect, shot_noise::ShotNoise {}.into()]);
+        let v = flat::<A>(&config, &SETTINGS, 4000.0);
+        near("mean", mean(&v), 1000.0, (1000.0 / v.len() as f64).sqrt());
+        near_variance("variance", variance(&v), 1000.0 + ROUNDING, v.len(), 0.0);
+    }
+}
+
+/// Counts of much light, which gains below 1 bring back into the range of charge.
+fn much_light_has_the_law_of_poisson<A: Arith>() {
+    for light in [3e5f32, 9e5, 1.6e7] {
+        let gain = 1.0 + (4000.0 / light - 1.0); // as the effect computes it
+        let mut config = monochrome(256, 128, &[shot_noise::ShotNoise {}.into()]);
+        // A gain on photo-electrons with their noise.
+        let table = [4.0, 0.0, gain - 1.0, 1.0, gain - 1.0];
+        config.table = table.into_iter().collect();
+        let reduce = empirical::Empirical {
+            quantity: 1.0,
+            shape: 2.0,
+            amount: 1.0,
+            on_signal: 0.0,
+            signal_e: 1.0,
+            doubling_c: 7.0,
+            reference_c: 25.0,
+            start: 0.0,
+        };
+        config.effects.push(reduce.into()).unwrap();
+        let v = flat::<A>(&config, &SETTINGS, light);
+        let expected = f64::from(light) * f64::from(gain).powi(2) + ROUNDING;
+        let mean_e = f64::from(light) * f64::from(gain);
+        near("mean", mean(&v), mean_e, (expected / v.len() as f64).sqrt() + 0.01);
+        near_variance("variance", variance(&v), expected, v.len(), 0.01);
+    }
 }
 
 fn totals<A: Arith>(config: &SensorConfig, settings: &FrameSettings) -> Vec<f64> {

@@ -6,6 +6,7 @@
 mod common;
 
 use camrig_sensor_core::arith::Arith;
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::effects::*;
 use common::*;
 
@@ -18,6 +19,8 @@ in_both_arithmetics! {
     prnu_low_frequency prnu_correlated black_level_offset green_imbalance pdaf_pattern
     colour_shading
     relative_illumination fringing adc_nonlinearity defects
+    light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
+    gains_hold_over_their_ranges stuck_pixels_are_stuck_at_any_gain
 }
 
 /// Output over input for a ramp of `top` e⁻ over 1000 columns; `expected` maps input to output.
@@ -407,4 +410,98 @@ fn defects<A: Arith>() {
     };
     // Exponential tail above a mean of 500 e⁻, blurred by its shot noise (by less than its error).
     near("hot", share(hot.into(), |v| v > 1500.0), n * 0.01 * (-1f64).exp(), (n * 0.01).sqrt());
+}
+
+/// A sensor of 16 bits and the largest full well but one, with effects.
+fn deep(effects: &[Effect]) -> SensorConfig {
+    let mut config = monochrome(70, 7, effects);
+    config.full_well_e = 524_280.0;
+    config.black_level_dn = 0.0;
+    config
+}
+
+/// A spot of `light` on one pixel, e⁻: (the spot, beside it, above it).
+fn spot<A: Arith>(effect: Effect, light: f32) -> [f64; 3] {
+    let config = deep(&[effect]);
+    let at = |x: u32, y: u32| if (x, y) == (64, 3) { light } else { 10.0 };
+    let v = electrons(&config, &SETTINGS, &frame::<A>(&config, &SETTINGS, &mut Means(at)));
+    [v[3 * 70 + 64], v[3 * 70 + 63], v[2 * 70 + 64]]
+}
+
+/// Effects of light act on all of it: a share of 10⁻³ of 10⁸ e⁻ is 10⁵ e⁻, beside 10 e⁻.
+fn light_is_not_cut_before_its_effects<A: Arith>() {
+    // 8 e⁻ are a step of the converter; the gains as f32 have 24 bits.
+    let near = |what: &str, got: f64, want: f64| {
+        assert!((got - want).abs() < 4.1 + 1e-6 * want, "{what}: {got}, expected {want}");
+    };
+    for light in [6e5f32, 1e6, 3.3e7, 1e8] {
+        let (wide, share) = (f64::from(light), 1e-3);
+        let side = share as f32;
+        let crosstalk =
+            optical_crosstalk::OpticalCrosstalk { side, vertical: 2.0 * side, diagonal: 0.0 };
+        let [_, beside, above] = spot::<A>(crosstalk.into(), light);
+        near("crosstalk beside", beside, share * wide + 10.0);
+        near("crosstalk above", above, 2.0 * share * wide + 10.0);
+        let blooming = blooming::Blooming { fraction: 4e-3 };
+        let [_, beside, above] = spot::<A>(blooming.into(), light);
+        near("blooming above", above, 2.0 * share * (wide - 524_280.0).max(0.0) + 10.0);
+        near("blooming beside", beside, 10.0);
+        let gain = 4e5 / light;
+        let efficiency = quantum_efficiency::QuantumEfficiency { ratio: gain };
+        near("efficiency", spot::<A>(efficiency.into(), light)[0], 4e5);
+        let weak = defective_pixels::DefectivePixels { fraction: 1.0, gain };
+        near("weak pixels", spot::<A>(weak.into(), light)[0], 4e5);
+        let shorter = 1e6 * SETTINGS.exposure_s * (gain - 1.0);
+        let exposure = exposure_offset::ExposureOffset { offset_us: shorter, step_us: 0.0 };
+        let [exposed, ..] = spot::<A>(exposure.into(), light);
+        // A difference of f32 of 10 ms.
+        assert!((exposed / 4e5 - 1.0).abs() < 1e-6 / f64::from(gain), "exposure: {exposed}");
+    }
+}
+
+/// Onsets and full wells at the ends of their ranges.
+fn black_sun_sets_in_anywhere_in_its_range<A: Arith>() {
+    for full_well_e in [1000.0f32, 20_000.0, 524_287.0] {
+        for onset in [1.0f32, 100.0, 1e4] {
+            let mut config = deep(&[black_sun::BlackSun { onset }.into()]);
+            config.full_well_e = full_well_e;
+            let dn = |light: f32| frame::<A>(&config, &SETTINGS, &mut Means(|_, _| light))[0];
+            let sets_in = onset * full_well_e;
+            assert!(dn(0.999 * sets_in) > 65_400, "white up to {onset} of {full_well_e}");
+            assert_eq!(dn(1.001 * sets_in), 0, "black from {onset} of {full_well_e} on");
+        }
+    }
+}
+
+/// The mean times the gain, at the ends of the parameters' ranges.
+fn gains_hold_over_their_ranges<A: Arith>() {
+    let settings = FrameSettings::new(5e-4);
+    let check = |effect: Effect, gain: f64| {
+        let config = monochrome(70, 4, &[effect]);
+        let v = flat::<A>(&config, &settings, 400.0);
+        let off = v.iter().fold(0.0, |a: f64, v| a.max((v - 400.0 * gain).abs()));
+        assert!(off < HALF + 1e-6 * gain, "{}: {off} off {gain}", effect.entry().kind);
+    };
+    for ratio in [0.1, 1.0, 7.99, 8.0, 8.01, 10.0] {
+        check(system_gain::SystemGain { ratio }.into(), ratio.into());
+        check(quantum_efficiency::QuantumEfficiency { ratio }.into(), ratio.into());
+    }
+    for times in [0.5f32, 8.0, 12.0, 15.0] {
+        let offset_us = 500.0 * (times - 1.0);
+        check(exposure_offset::ExposureOffset { offset_us, step_us: 0.0 }.into(), times.into());
+    }
+}
+
+/// Stuck at the converter's input: the same code whatever the gain before it.
+fn stuck_pixels_are_stuck_at_any_gain<A: Arith>() {
+    for (level, above) in [(0.1, 6553.5), (0.5, 32_767.5), (1.0, 65_535.0)] {
+        let config =
+            monochrome(16, 1, &[stuck_pixels::StuckPixels { fraction: 1.0, level }.into()]);
+        for gain in [0.5, 1.0, 4.0, 16.0] {
+            let settings = SETTINGS.with_gain(gain);
+            let dn = frame::<A>(&config, &settings, &mut Means(|_, _| 100.0));
+            let want = (BLACK + above).min(65_535.0);
+            assert!((f64::from(dn[0]) - want).abs() <= 1.0, "{level} at {gain}: {}", dn[0]);
+        }
+    }
 }

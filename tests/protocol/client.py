@@ -99,6 +99,7 @@ class Reader:
 
 # --- Bodies: each as a list of (name, type) ------------------------------------------------------------------------
 
+BEFORE = ["Dark", "Lit", ("LitFor", [("exposure_s", "f32")])]
 EXPOSURE = [("exposure_s", "f32"), ("analog_gain", "f32")]
 SHAPE = [("rows", "varint"), ("units", "varint"), ("unit_bytes", "varint"), ("raw_bytes", "varint"), ("halo", "u8")]
 DEVICE = [("firmware", "text"), ("packet_bytes", "varint"), ("credit", "varint"), ("max_width", "varint"),
@@ -112,7 +113,7 @@ NACK = ["NoSession", ("NoTransfer", [("transfer", "varint")]), ("Unsupported", [
 TO_DEVICE = [
     ("FrameBegin", [("transfer", "varint"), ("frame", "varint"), ("rows", "varint"), ("width", "varint"), ("bands", "varint"),
                     ("codec", ["Bfp16", "Electrons16"]), ("arithmetic", ["F32", "Fixed"]), ("raw_bits", "u8"),
-                    ("temperature_c", "f32"), ("lit_before", "bool"), ("exposure", ("option", EXPOSURE))]),
+                    ("temperature_c", "f32"), ("before", BEFORE), ("exposure", ("option", EXPOSURE))]),
     "Abort", ("RegRead", [("address", "varint")]), ("RegWrite", [("address", "varint"), ("value", "varint")]), "Statistics",
     ("ByteRead", [("address", "varint")]), ("ByteWrite", [("address", "varint"), ("byte", "u8")])]
 TO_HOST = [

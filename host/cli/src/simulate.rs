@@ -12,6 +12,7 @@ use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_light::Illuminant;
 use camrig_optics::{Misplaced, NodeReport};
 use camrig_render::SimulatedSensor;
+use camrig_render::hdr::Hdr;
 use camrig_render::{self as render, OpticsOutput};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
@@ -205,6 +206,8 @@ pub fn expose_frames(
     let mut taken = 0;
     // Irradiance of this frame and of the previous one, unless it is that of the first.
     let (mut changed, mut before) = (None, None);
+    // Exposure of the frame before, s.
+    let mut previous: Option<f32> = None;
     for i in 0..args.count() {
         if sink.is_asked_to_stop() {
             break;
@@ -221,14 +224,33 @@ pub fn expose_frames(
         }
         let cube = changed.as_ref().unwrap_or(first);
         let before = (i > 0).then(|| if same { cube } else { before.as_ref().unwrap_or(first) });
-        let mut take = |settings: &FrameSettings| stage.frame(sensor, cube, before, settings);
+        let mut take = |settings: &FrameSettings, (before, previous_s): (Option<_>, _)| {
+            let mut settings = *settings;
+            settings.previous_exposure_s = previous_s;
+            stage.frame(sensor, cube, before, &settings)
+        };
         let frame = match args.hdr {
-            None => take(&settings)?,
+            None => {
+                let previous_s = previous.replace(settings.exposure_s);
+                take(&settings, (before, previous_s))?
+            }
             Some(hdr) => {
                 let [long, short] = hdr.frames(settings.frame);
+                let long = settings.with_frame(long);
                 let exposure_s = settings.exposure_s / hdr.ratio() as f32;
-                let long = take(&settings.with_frame(long))?;
-                let short = take(&settings.with_frame(short).with_exposure(exposure_s))?;
+                let short = settings.with_frame(short).with_exposure(exposure_s);
+                let last = previous.replace(settings.exposure_s);
+                let last_short = last.map(|s| s / hdr.ratio() as f32);
+                // What a pixel was exposed to before: one that is read twice, to the other of the
+                // two; others, to the same of the frame before.
+                let (first, second) = match hdr {
+                    Hdr::Staggered { .. } => {
+                        ((before, last_short), (Some(cube), Some(long.exposure_s)))
+                    }
+                    Hdr::Rows { .. } => ((before, last), (before, last_short)),
+                };
+                let long = take(&long, first)?;
+                let short = take(&short, second)?;
                 hdr.interleave(&long, &short)?
             }
         };

@@ -110,6 +110,7 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
             "after": after,
             "as_reported": before.as_reported(),
             "vanish": after.as_ref().map(Differences::vanish),
+            "failures": comparison.failures(),
             "captured": captured.figures,
             "model": model.figures,
             "improved": improved.as_ref().map(|b| &b.figures),
@@ -118,6 +119,9 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
         println!("{object}");
     } else {
         print(before, after.as_ref(), levels);
+    }
+    for failure in comparison.failures() {
+        eprintln!("difference: {failure}");
     }
     Ok(if comparison.holds() { ExitCode::SUCCESS } else { ExitCode::from(1) })
 }

@@ -294,7 +294,7 @@ pub fn begin(frame: u32) -> FrameBegin {
         arithmetic: NumberFormat::F32,
         raw_bits: 16,
         temperature_c: 25.0,
-        lit_before: false,
+        before: Before::Dark,
         exposure: Some(Exposure { exposure_s: 0.01, analog_gain: 1.0 }),
     }
 }

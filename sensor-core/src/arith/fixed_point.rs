@@ -7,6 +7,10 @@ use fixed::types::{I4F28, I20F12};
 /// 32-bit fixed point: signals in steps of 2⁻¹² e⁻ up to ±524 287 e⁻, factors in steps of 2⁻²⁸
 /// within ±8.
 ///
+/// In the range of light a signal is the same up to 2¹⁸ e⁻; from there its 32 bits count steps of
+/// 2⁻⁸ e⁻ up to 2²⁰ e⁻, which is above any full well, and of 8 e⁻ beyond. The code rises with its
+/// signal, so signals compare as their codes do.
+///
 /// No operation per pixel needs an FPU; single values per row or per group of pixels are converted
 /// from f32.
 ///
@@ -19,7 +23,10 @@ use fixed::types::{I4F28, I20F12};
 /// DN: the raw is within 1 DN of the reference, and differs from it at all for pixels that close
 /// to a half. `tests/error_budget.rs` measures it.
 #[derive(Clone, Copy, Debug)]
-pub struct Fixed;
+pub struct FixedIn<const LIGHT: bool>;
+
+/// 32-bit fixed point.
+pub type Fixed = FixedIn<false>;
 
 /// Fractional bits of a weight: differences of weights of 0..=1 fit 32 bits with a sign.
 const WEIGHT_BITS: u32 = 30;
@@ -37,6 +44,49 @@ fn to_bits(x: f32, bits: u32) -> i32 {
     // From 2²³ on there is no fraction left to round.
     let half = if scaled.abs() < 8_388_608.0 { 0.5f32.copysign(scaled) } else { 0.0 };
     (scaled + half) as i32
+}
+
+/// Codes of light from which steps are 2⁻⁸ e⁻ (2¹⁸ e⁻) and 8 e⁻ (2²⁰ e⁻).
+const FINE_TO: i32 = 1 << 30;
+const MEDIUM_TO: i32 = FINE_TO + (3 << 26);
+/// Bits by which those steps are larger than 2⁻¹² e⁻.
+const MEDIUM_BITS: u32 = 4;
+const COARSE_BITS: u32 = 15;
+/// 2²⁰ e⁻ in steps of 2⁻¹² e⁻.
+const COARSE_FROM: i64 = 1 << (20 + SIGNAL_BITS);
+
+/// The light of a code, in steps of 2⁻¹² e⁻.
+#[inline(always)]
+fn light_of(code: i32) -> i64 {
+    let code = i64::from(code);
+    let (fine, medium) = (i64::from(FINE_TO), i64::from(MEDIUM_TO));
+    code + ((1 << MEDIUM_BITS) - 1) * (code - fine).max(0)
+        + ((1 << COARSE_BITS) - (1 << MEDIUM_BITS)) * (code - medium).max(0)
+}
+
+/// The code of light in steps of 2⁻¹² e⁻: the nearest, saturated.
+#[inline(always)]
+fn code_of(light: i64) -> i32 {
+    let above = |from: i64, bits: u32| (light - from + (1 << (bits - 1))) >> bits;
+    if light < i64::from(FINE_TO) {
+        saturate(light)
+    } else if light < COARSE_FROM {
+        FINE_TO + above(FINE_TO.into(), MEDIUM_BITS) as i32
+    } else {
+        saturate(i64::from(MEDIUM_TO).saturating_add(above(COARSE_FROM, COARSE_BITS)))
+    }
+}
+
+/// x m 2^-bits, rounded and saturated, for x of less than 2⁴⁶ and m of less than 2³¹.
+#[inline(always)]
+fn mul_long(x: i64, m: i32, bits: u32) -> i64 {
+    let (high, low) = (x >> 16, x & 0xffff);
+    let m = i64::from(m);
+    let product = high * m + ((low * m) >> 16); // in units of 2¹⁶
+    match bits.checked_sub(17) {
+        Some(less) => (product + (1 << less)) >> less >> 1,
+        None => product.saturating_mul(1 << (16 - bits)),
+    }
 }
 
 #[inline(always)]
@@ -63,7 +113,28 @@ fn normals_of(a: &[u32; LANES], b: &[u32; LANES]) -> Block<I4F28> {
     out
 }
 
-impl Arith for Fixed {
+impl<const LIGHT: bool> FixedIn<LIGHT> {
+    /// Steps of 2⁻¹² e⁻ of a signal.
+    #[inline(always)]
+    fn steps(s: I20F12) -> i64 {
+        if LIGHT { light_of(s.to_bits()) } else { s.to_bits().into() }
+    }
+
+    /// The signal of so many steps, saturated.
+    #[inline(always)]
+    fn of_steps(steps: i64) -> I20F12 {
+        I20F12::from_bits(if LIGHT { code_of(steps) } else { saturate(steps) })
+    }
+
+    /// Whether a signal is not a code of more light than charge has steps for.
+    #[inline(always)]
+    fn is_fine(s: I20F12) -> bool {
+        !LIGHT || s.to_bits() < FINE_TO
+    }
+}
+
+impl<const LIGHT: bool> Arith for FixedIn<LIGHT> {
+    type Light = FixedIn<true>;
     type Signal = I20F12;
     type Factor = I4F28;
     /// Units of 2⁻²⁰ e⁻.
@@ -73,6 +144,10 @@ impl Arith for Fixed {
 
     #[inline(always)]
     fn signal(e: f32) -> I20F12 {
+        if LIGHT && e >= (1 << 18) as f32 {
+            // No fraction of a step is lost: f32 has 24 bits.
+            return Self::of_steps((e * (1u32 << SIGNAL_BITS) as f32) as i64);
+        }
         I20F12::from_bits(to_bits(e, SIGNAL_BITS))
     }
 
@@ -83,7 +158,7 @@ impl Arith for Fixed {
 
     #[inline(always)]
     fn electrons(s: I20F12) -> f32 {
-        s.to_bits() as f32 * (1.0 / (1u32 << SIGNAL_BITS) as f32)
+        Self::steps(s) as f32 * (1.0 / (1u32 << SIGNAL_BITS) as f32)
     }
 
     #[inline(always)]
@@ -93,17 +168,45 @@ impl Arith for Fixed {
 
     #[inline(always)]
     fn add(a: I20F12, b: I20F12) -> I20F12 {
-        a.saturating_add(b)
+        if LIGHT { Self::of_steps(Self::steps(a) + Self::steps(b)) } else { a.saturating_add(b) }
     }
 
     #[inline(always)]
     fn sub(a: I20F12, b: I20F12) -> I20F12 {
-        a.saturating_sub(b)
+        if LIGHT { Self::of_steps(Self::steps(a) - Self::steps(b)) } else { a.saturating_sub(b) }
     }
 
     #[inline(always)]
     fn scale(s: I20F12, f: I4F28) -> I20F12 {
-        I20F12::from_bits(saturate(integer::mul(s.to_bits(), f.to_bits(), FACTOR_BITS)))
+        Self::of_steps(if Self::is_fine(s) {
+            integer::mul(s.to_bits(), f.to_bits(), FACTOR_BITS)
+        } else {
+            mul_long(Self::steps(s), f.to_bits(), FACTOR_BITS)
+        })
+    }
+
+    #[inline(always)]
+    fn times(s: I20F12, gain: f32) -> I20F12 {
+        // The gain is its 24-bit mantissa by a power of two.
+        let word = gain.to_bits();
+        let exponent = (word >> 23 & 0xff) as i32;
+        let size = (word & 0x7f_ffff | u32::from(exponent > 0) << 23) as i32;
+        let mantissa = if gain < 0.0 { -size } else { size };
+        let down = 150 - exponent.max(1);
+        let steps = Self::steps(s);
+        Self::of_steps(if down < 1 {
+            steps.saturating_mul(mantissa.into()).saturating_mul(1 << (-down).min(62))
+        } else if Self::is_fine(s) {
+            let down = down.min(62) as u32;
+            (i64::from(s.to_bits()) * i64::from(mantissa) + (1 << (down - 1))) >> down
+        } else {
+            mul_long(steps, mantissa, down.min(62) as u32)
+        })
+    }
+
+    #[inline(always)]
+    fn held(light: I20F12) -> I20F12 {
+        I20F12::from_bits(saturate(light_of(light.to_bits())))
     }
 
     #[inline(always)]
@@ -127,11 +230,14 @@ impl Arith for Fixed {
             for ((m, &word), normal) in mean.iter_mut().zip(uniform.as_flattened()).zip(normal) {
                 let lambda = m.to_bits().max(0) as u32;
                 let count = if lambda < integer::EXPANSION_FROM << SIGNAL_BITS {
-                    integer::inversion(lambda, word)
+                    integer::inversion(lambda, word).into()
+                } else if Self::is_fine(*m) {
+                    integer::expansion(lambda, normal.to_bits()).into()
                 } else {
-                    integer::expansion(lambda, normal.to_bits())
+                    integer::expansion_of_many(Self::steps(*m) as u64, normal.to_bits())
                 };
-                *m = I20F12::from_bits((count.min((1 << 19) - 1) << SIGNAL_BITS) as i32);
+                let most = if LIGHT { i64::MAX >> SIGNAL_BITS } else { (1 << 19) - 1 };
+                *m = Self::of_steps(count.min(most) << SIGNAL_BITS);
             }
         }
     }
@@ -180,7 +286,7 @@ impl Arith for Fixed {
     fn collected(sum: u64) -> I20F12 {
         let down = SUM_BITS - SIGNAL_BITS;
         let rounded = sum.saturating_add(1 << (down - 1)) >> down;
-        I20F12::from_bits(rounded.min(i32::MAX as u64) as i32)
+        I20F12::from_bits(code_of(rounded as i64)) // of 56 bits
     }
 
     #[inline(always)]
@@ -303,6 +409,7 @@ mod tests {
             Fixed::accumulate(&mut sum, &[u16::MAX; 16], exponent, &[1 << 30; 16]);
         }
         assert_eq!(Fixed::collected(sum[0]), I20F12::MAX);
+        assert_eq!(Fixed::held(I20F12::MAX), I20F12::MAX);
         let mut block = [I20F12::MAX; BLOCK];
         Fixed::poisson(core::slice::from_mut(&mut block), &mut counts(1e6));
         assert!(block.iter().all(|b| Fixed::electrons(*b) > 5e5));

@@ -1,13 +1,17 @@
 //! f32 arithmetic.
 
-use super::{Arith, BLOCK, Block, Counts, EXPANSION_FROM_E, MAX_SIGNAL_E};
+use super::{Arith, BLOCK, Block, Counts, EXPANSION_FROM_E, MAX_LIGHT_E, MAX_SIGNAL_E};
 use crate::math;
 use crate::spectral::power_of_two;
 use crate::stream::{LANES, Lanes};
 
-/// f32 from IEEE basic operations and the functions of [`crate::math`].
+/// f32 from IEEE basic operations and the functions of [`crate::math`], in the range of light or
+/// in that of charge.
 #[derive(Clone, Copy, Debug)]
-pub struct Float;
+pub struct FloatIn<const LIGHT: bool>;
+
+/// f32.
+pub type Float = FloatIn<false>;
 
 /// Terms of the inversion: at a mean of 16 the probability of a larger count is 2e-12.
 const INVERSION_TERMS: usize = 52;
@@ -35,14 +39,15 @@ fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
     let normals = normals_of(words);
     for i in 0..BLOCK {
         let (mean, w) = (&mut mean[i], normals[i]);
-        let m = clamp(*mean, EXPANSION_FROM_E, MAX_SIGNAL_E);
+        let m = clamp(*mean, EXPANSION_FROM_E, MAX_LIGHT_E);
         let inv = math::rsqrt(m);
         let w2 = w * w;
         let first = w2 * (1.0 / 6.0) + 1.0 / 3.0;
         let second = w * inv * (w2 * (-1.0 / 72.0) - 1.0 / 36.0);
         let third = inv * inv * (w2 * (w2 * (1.0 / 270.0) + 7.0 / 810.0) - 8.0 / 405.0);
         let q = (m * inv * w + first) + (second + third) + m;
-        // floor of a non-negative number below 2²²: round, then step back where that went up.
+        // floor of a non-negative number: round, then step back where that went up. From 2²² on,
+        // where f32 has no fractions to speak of, that costs at most a unit in the last place.
         let q = if q > 0.0 { q } else { 0.0 };
         let r = math::round(q);
         *mean = if r > q { r - 1.0 } else { r };
@@ -105,7 +110,8 @@ fn normals_of(words: &Block<u32>) -> Block<f32> {
     out
 }
 
-impl Arith for Float {
+impl<const LIGHT: bool> Arith for FloatIn<LIGHT> {
+    type Light = FloatIn<true>;
     type Signal = f32;
     type Factor = f32;
     type Sum = f32;
@@ -113,7 +119,8 @@ impl Arith for Float {
 
     #[inline(always)]
     fn signal(e: f32) -> f32 {
-        clamp(e, -MAX_SIGNAL_E, MAX_SIGNAL_E)
+        let largest = if LIGHT { MAX_LIGHT_E } else { MAX_SIGNAL_E };
+        clamp(e, -largest, largest)
     }
 
     #[inline(always)]
@@ -144,6 +151,16 @@ impl Arith for Float {
     #[inline(always)]
     fn scale(s: f32, f: f32) -> f32 {
         s * f
+    }
+
+    #[inline(always)]
+    fn times(s: f32, gain: f32) -> f32 {
+        s * gain
+    }
+
+    #[inline(always)]
+    fn held(light: f32) -> f32 {
+        clamp(light, -MAX_SIGNAL_E, MAX_SIGNAL_E)
     }
 
     #[inline(always)]
@@ -220,7 +237,7 @@ impl Arith for Float {
 
     #[inline(always)]
     fn collected(sum: f32) -> f32 {
-        Self::signal(sum)
+        clamp(sum, 0.0, MAX_LIGHT_E)
     }
 
     #[inline(always)]

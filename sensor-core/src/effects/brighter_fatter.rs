@@ -43,7 +43,7 @@ impl Stage for BrighterFatter {
             ];
             for other in neighbours {
                 let share = half * (A::electrons(own) + A::electrons(other));
-                *out = A::sub(*out, A::scale(A::sub(own, other), A::factor(share)));
+                *out = A::sub(*out, A::times(A::sub(own, other), share));
             }
         }
     }

@@ -142,9 +142,10 @@ macro_rules! catalogue {
                 }
             }
 
-            /// Runs the stage.
+            /// Runs a stage of light or photo-electrons; stages of charge and voltage are not
+            /// compiled for their range.
             #[inline(always)]
-            pub(crate) fn apply<A: Arith>(
+            pub(crate) fn apply_to_light<A: Arith>(
                 &self,
                 cx: &Context<'_>,
                 inputs: &Inputs<'_, A::Signal>,
@@ -153,7 +154,31 @@ macro_rules! catalogue {
                 match self {
                     $(
                         $(#[cfg(feature = $feature)])?
-                        Effect::$name(e) => e.apply::<A>(cx, inputs, row),
+                        Effect::$name(e) => {
+                            if const { acts_on_light(&$module::$name::ENTRY) } {
+                                e.apply::<A>(cx, inputs, row);
+                            }
+                        }
+                    )+
+                }
+            }
+
+            /// Runs a stage of charge or voltage.
+            #[inline(always)]
+            pub(crate) fn apply_to_charge<A: Arith>(
+                &self,
+                cx: &Context<'_>,
+                inputs: &Inputs<'_, A::Signal>,
+                row: &mut [Block<A::Signal>],
+            ) {
+                match self {
+                    $(
+                        $(#[cfg(feature = $feature)])?
+                        Effect::$name(e) => {
+                            if const { acts_on_charge(&$module::$name::ENTRY) } {
+                                e.apply::<A>(cx, inputs, row);
+                            }
+                        }
                     )+
                 }
             }

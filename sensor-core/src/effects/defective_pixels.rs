@@ -7,9 +7,10 @@ effect! {
     /// Dead and weak pixels: a few pixels respond with a fraction of the others' gain, or not at
     /// all.
     ///
-    /// The photo-electrons of a fixed fraction f of the pixels are multiplied by g. Chen et al.
-    /// 2009, section VI: defects that only the captures show.
-    DefectivePixels, "defective-pixels", Photo, Defect, Pixel {
+    /// µ *= g for a fixed fraction f of the pixels: they collect less light, and their shot noise is
+    /// that of what they collect. Chen et al. 2009, section VI: defects that only the captures
+    /// show.
+    DefectivePixels, "defective-pixels", Light, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
         /// Their gain relative to the rest; 0 is dead
@@ -25,12 +26,11 @@ impl Stage for DefectivePixels {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let gain = A::factor(self.gain);
         let mut lanes = cx.per_pixel(0);
         for block in row {
             let chosen = super::chosen(&mut lanes, self.fraction);
             for (v, chosen) in block.iter_mut().zip(chosen) {
-                *v = if chosen { A::scale(*v, gain) } else { *v };
+                *v = if chosen { A::times(*v, self.gain) } else { *v };
             }
         }
     }

@@ -267,7 +267,7 @@ impl Empirical {
             let values = field.block::<A>(cx, b).map(|f| scale * f);
             if quantity == Quantity::Gain {
                 block.iter_mut().zip(values).for_each(|(v, f)| {
-                    *v = A::scale(*v, A::factor(1.0 + f));
+                    *v = A::times(*v, 1.0 + f);
                 });
                 continue;
             }

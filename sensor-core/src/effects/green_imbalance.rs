@@ -7,11 +7,11 @@ effect! {
     /// Green imbalance: green pixels in rows with red respond differently from those in rows with
     /// blue, because their neighbours' filters and circuits differ.
     ///
-    /// n *= 1 ± g/2 with g = g_0 + (g_1 − g_0) r², r the distance from the centre, 1 at the
+    /// µ *= 1 ± g/2 with g = g_0 + (g_1 − g_0) r², r the distance from the centre, 1 at the
     /// corners: + in rows with red (channel 0), − in the others. So g is the relative difference
-    /// Gr − Gb. It acts on 2x2 patterns of three or four channels with red first and blue last,
-    /// and on no others.
-    GreenImbalance, "green-imbalance", Photo, Pattern, Pixel {
+    /// Gr − Gb. It acts before shot noise, on 2x2 patterns of three or four channels with red first
+    /// and blue last, and on no others.
+    GreenImbalance, "green-imbalance", Light, Pattern, Pixel {
         /// Difference g_0 in the centre
         centre: "1", -0.5..=0.5;
         /// Difference g_1 in the corners

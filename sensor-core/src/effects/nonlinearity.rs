@@ -32,7 +32,7 @@ impl Stage for Nonlinearity {
             let ratio = A::electrons(*v) / cx.full_well_e;
             if ratio > LINEAR_BELOW {
                 let loss = self.loss * math::pow(ratio, self.exponent);
-                *v = A::scale(*v, A::factor(1.0 - loss));
+                *v = A::times(*v, 1.0 - loss);
             }
         }
     }

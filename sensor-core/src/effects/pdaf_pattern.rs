@@ -7,8 +7,9 @@ effect! {
     /// Pattern of phase-detection pixels: the pixels of a lattice are partly covered and receive
     /// less light.
     ///
-    /// n *= g where x mod P_x = x_0 and y mod P_y = y_0.
-    PdafPattern, "pdaf-pattern", Photo, Pattern, Pixel {
+    /// µ *= g where x mod P_x = x_0 and y mod P_y = y_0. It is light that does not arrive, so the
+    /// shot noise is that of what does: the variance of a covered pixel is gµ.
+    PdafPattern, "pdaf-pattern", Light, Pattern, Pixel {
         /// Columns P_x from one to the next
         period_x: "px", 1.0..=1024.0, default 16.0;
         /// Rows P_y from one to the next
@@ -33,10 +34,9 @@ impl Stage for PdafPattern {
         let (period_x, period_y) =
             ((self.period_x as usize).max(1), (self.period_y as u32).max(1));
         if cx.row % period_y == self.first_y as u32 % period_y {
-            let gain = A::factor(self.gain);
             let first = self.first_x as usize % period_x;
             for v in row.as_flattened_mut().iter_mut().skip(first).step_by(period_x) {
-                *v = A::scale(*v, gain);
+                *v = A::times(*v, self.gain);
             }
         }
     }

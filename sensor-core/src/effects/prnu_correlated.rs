@@ -35,7 +35,7 @@ impl Stage for PrnuCorrelated {
             let (a, b) = (A::normals(&mut above), A::normals(&mut below));
             for i in 0..BLOCK {
                 let right = A::number(a[i]) + A::number(b[i]);
-                block[i] = A::scale(block[i], A::factor(1.0 + half * (left + right)));
+                block[i] = A::times(block[i], 1.0 + half * (left + right));
                 left = right;
             }
         }

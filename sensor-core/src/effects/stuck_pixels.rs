@@ -6,12 +6,12 @@ use crate::arith::{Arith, Block};
 effect! {
     /// Stuck pixels: a few pixels give the same signal whatever the light.
     ///
-    /// A fixed fraction f of the pixels reads `level` x full well at the converter's input; 1 and
-    /// above is stuck white.
+    /// A fixed fraction f of the pixels reads black level + `level` x (2^bits − 1) DN at any analogue
+    /// gain, since what is stuck lies at the converter's input; 1 and above is stuck white.
     StuckPixels, "stuck-pixels", Voltage, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
-        /// Their signal as a fraction of full well
+        /// Their signal as a fraction of the converter's range
         level: "1", 0.0..=2.0, default 1.0;
     }
 }
@@ -24,7 +24,8 @@ impl Stage for StuckPixels {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let level = A::signal(self.level * cx.full_well_e);
+        // The converter's range is a full well at unity gain.
+        let level = A::signal(self.level * cx.full_well_e / cx.analog_gain);
         let mut lanes = cx.per_pixel(0);
         for block in row {
             let chosen = super::chosen(&mut lanes, self.fraction);

@@ -46,7 +46,7 @@ pub struct Means<F>(pub F);
 impl<A: Arith, F: Fn(u32, u32) -> f32> MeanRows<A> for Means<F> {
     fn mean_row(&mut self, row: u32, out: &mut [Block<A::Signal>]) {
         for (x, v) in out.as_flattened_mut().iter_mut().enumerate() {
-            *v = A::signal((self.0)(x as u32, row));
+            *v = A::Light::signal((self.0)(x as u32, row));
         }
     }
 }

@@ -11,7 +11,8 @@ use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_render::SimulatedSensor;
 use camrig_rig::Rig;
-use camrig_rig::stage::{changing_light, remembering};
+use camrig_rig::remembering::remembering;
+use camrig_rig::stage::changing_light;
 use std::path::{Path, PathBuf};
 
 /// The source of the frames' light.

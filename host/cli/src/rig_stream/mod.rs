@@ -324,6 +324,7 @@ impl Stream<'_> {
         let mut changed: Option<IrradianceCube> = None;
         // Cubes of one light level have one sensor on the rig; another level is another one.
         let mut level = cubes[0].header.level;
+        let mut previous_exposure_s = None;
         rig.set_camera(&sensors[0])?;
         taken.pace.start();
         for i in 0..count {
@@ -340,7 +341,7 @@ impl Stream<'_> {
                 break;
             }
             let at = i as usize % cubes.len();
-            let request = self.request(i, by_registers);
+            let request = self.request(i, by_registers, previous_exposure_s);
             taken.pace.begin();
             if level != cubes[at].header.level {
                 level = cubes[at].header.level;
@@ -352,6 +353,7 @@ impl Stream<'_> {
                 None => rig.frame_from(&mut feeds[at], sensor, &request)?,
             };
             let time = taken.pace.end();
+            previous_exposure_s = Some(frame.start.exposure.exposure_s);
             if let Some(restored) = &frame.restored {
                 eprintln!(
                     "note: in frame {i} the rig restarted with other registers; restored: \
@@ -389,15 +391,19 @@ impl Stream<'_> {
         Ok(coming.exposure_s)
     }
 
-    /// The request for a frame.
-    fn request(&self, frame: u32, by_registers: bool) -> FrameRequest {
+    /// The request for a frame after one of another exposure.
+    fn request(
+        &self,
+        frame: u32,
+        by_registers: bool,
+        previous_exposure_s: Option<f32>,
+    ) -> FrameRequest {
         let args = self.args;
+        let number = args.frame_seed.wrapping_add(frame);
+        let mut settings = self.camera.settings(number, args.exposure.unwrap_or(1.0), args.gain);
+        settings.previous_exposure_s = previous_exposure_s;
         FrameRequest {
-            settings: self.camera.settings(
-                args.frame_seed.wrapping_add(frame),
-                args.exposure.unwrap_or(1.0),
-                args.gain,
-            ),
+            settings,
             arithmetic: args.arith,
             collapse: args.collapse,
             lit_before: frame > 0 && self.still,

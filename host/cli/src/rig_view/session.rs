@@ -14,8 +14,8 @@ use crate::view::{Frame, Order, Register, Shared, State, Status, Timing};
 use camrig_base::{Error, ErrorKind, Result};
 use camrig_camera::Camera;
 use camrig_rig::feed::Feed;
+use camrig_rig::remembering::remembering;
 use camrig_rig::script::{Write, exposure_cut};
-use camrig_rig::stage::remembering;
 use camrig_rig::{FrameRequest, Rig, RigFrame};
 use camrig_rig_link::message::Codec;
 use std::sync::{Arc, mpsc};
@@ -44,6 +44,8 @@ pub struct Session<'a> {
     frames: u32,
     /// Whether the previous frame had the same light.
     lit_before: bool,
+    /// Its exposure, s.
+    exposure_s: Option<f32>,
     /// A changing scene.
     scene: Option<Scene>,
     /// Notes about scenes chosen on the page.
@@ -86,6 +88,7 @@ impl<'a> Session<'a> {
             begun: None,
             frames: 0,
             lit_before: false,
+            exposure_s: None,
             scene,
             told: Notes::on_page(shared.clone()).after(told),
         })
@@ -172,16 +175,19 @@ impl<'a> Session<'a> {
                 continue;
             }
             let late = self.beat.begin(Instant::now());
+            let mut settings = self.camera.settings(self.frames, 1.0, None);
+            settings.previous_exposure_s = self.exposure_s;
             let request = FrameRequest {
                 arithmetic: self.args.arith,
                 collapse,
                 lit_before: self.lit_before,
                 by_registers: true,
-                ..FrameRequest::new(self.camera.settings(self.frames, 1.0, None))
+                ..FrameRequest::new(settings)
             };
             let timing = self.timing(late);
             let frame = rig.frame_from(&mut feed, &lit.sensor, &request)?;
             self.lit_before = true;
+            self.exposure_s = Some(frame.start.exposure.exposure_s);
             self.take(rig, frame, lit, timing)?;
         }
     }

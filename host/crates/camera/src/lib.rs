@@ -43,6 +43,7 @@ mod order;
 mod parameter;
 mod prescription;
 pub mod presets;
+mod remarks;
 pub mod schema;
 mod sensor;
 #[cfg(test)]
@@ -215,6 +216,7 @@ impl Camera {
                 notes.push(note);
             }
         }
+        notes.extend(remarks::of(self));
         notes
     }
 

@@ -6,7 +6,8 @@
 //! # File
 //! `CAMRIGIR`, the length of the header as u32 little-endian, the header (JSON, [`CubeHeader`]),
 //! then for each band for each row: one exponent (i8) per 16 pixels, one mantissa (u16
-//! little-endian) per pixel. Irradiance in W m⁻² nm⁻¹ is mantissa x 2^exponent. Nothing follows.
+//! little-endian) per pixel. Irradiance in W m⁻² nm⁻¹ is mantissa x 2^exponent, but for groups of
+//! high dynamic range, whose exponents are 112 and above. Nothing follows.
 
 use camrig_base::Bands;
 use camrig_base::output::OutputFile;

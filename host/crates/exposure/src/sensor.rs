@@ -52,7 +52,8 @@ impl std::str::FromStr for Arithmetic {
 /// How a frame is computed, where that is not the usual way.
 #[derive(Clone, Copy, Default)]
 pub struct FrameOptions<'a> {
-    /// What the sensor saw in the frame before, for effects with a memory; darkness without it.
+    /// What the sensor saw in the frame before, for effects with a memory; darkness without it. How
+    /// long it saw that, the settings say.
     pub before: Option<&'a IrradianceCube>,
     /// Arithmetic of the sensor stage.
     pub arithmetic: Arithmetic,

@@ -6,6 +6,7 @@ use super::held::Held;
 use super::hid;
 #[cfg(feature = "serial")]
 use super::serial;
+use super::remembering::remembering;
 use super::transport::Transport;
 use super::{Url, emulator, tcp};
 use camrig_base::{Error, ErrorCode, RawFrame, Result};
@@ -16,8 +17,8 @@ use camrig_firmware_sim::rig::frame_shape;
 use camrig_formats::csi2;
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
-    Capabilities, Codec, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack, NumberFormat,
-    RECEIPT_BYTES, Refusal, Statistics, ToDevice, ToHost, camera_id,
+    Before, Capabilities, Codec, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack,
+    NumberFormat, RECEIPT_BYTES, Refusal, Statistics, ToDevice, ToHost, camera_id,
 };
 use camrig_rig_link::packing::{Packing, unpack_row};
 use camrig_rig_link::registers::{MODEL_ID, UNITY_GAIN_CODE, address};
@@ -61,7 +62,8 @@ pub struct FrameRequest {
     /// Integrate the bands on the host and send mean electrons: fewer bytes, at the cost of the
     /// last bit of accuracy.
     pub collapse: bool,
-    /// The sensor saw the same light in the previous frame.
+    /// The sensor saw the same light in the previous frame, for the exposure that `settings` name
+    /// as the previous one.
     pub lit_before: bool,
     /// Use exposure and gain from the rig's registers.
     pub by_registers: bool,
@@ -391,6 +393,7 @@ impl Rig {
         request: &FrameRequest,
     ) -> Result<RigFrame> {
         let (begin, shape, packing) = announcement(sensor, feed.codec(), request)?;
+        feed.for_codecs(self.device().codecs);
         let held = if request.by_registers { Some(self.held()?) } else { None };
         let line_ns = held.as_ref().and_then(Held::line_ns);
         let raw_bytes = usize::from(shape.raw_bytes);
@@ -637,13 +640,29 @@ fn announcement(
         },
         raw_bits: if request.rows_stay { 0 } else { raw_bits },
         temperature_c: request.settings.temperature_c,
-        lit_before: request.lit_before,
+        before: before(sensor, request),
         exposure: (!request.by_registers).then_some(Exposure {
             exposure_s: request.settings.exposure_s,
             analog_gain: request.settings.analog_gain,
         }),
     };
     Ok((begin, shape, packing))
+}
+
+/// What the rig is told of the previous frame. Its exposure only where the sensor remembers it and
+/// it may differ from this one's: older rigs do not take it.
+fn before(sensor: &SimulatedSensor, request: &FrameRequest) -> Before {
+    let FrameSettings { exposure_s, previous_exposure_s, .. } = request.settings;
+    match previous_exposure_s {
+        _ if !request.lit_before => Before::Dark,
+        Some(previous)
+            if (request.by_registers || previous != exposure_s)
+                && remembering(sensor).next().is_some() =>
+        {
+            Before::LitFor { exposure_s: previous }
+        }
+        _ => Before::Lit,
+    }
 }
 
 /// An exposure, s, in the nearest whole number of lines, if it fits into the exposure register.

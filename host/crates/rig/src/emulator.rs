@@ -18,9 +18,9 @@ use std::sync::mpsc;
 const MAX_WIDTH: usize = 16_384;
 /// Longest packed raw row, bytes.
 const RAW_BYTES: usize = 2 * MAX_WIDTH;
-/// Rows of memory: 5 for two effects that read the rows above and below, 8 for one that remembers
-/// rows.
-const ROWS: usize = 5 + 8;
+/// Rows of memory for two effects that read the rows above and below: 5 of light, 7 of the pipeline,
+/// and as many for the frame before, where an effect remembers it.
+const ROWS: usize = 5 + 7 + 7;
 /// Values of the crosstalk table: 33 x 33 nodes, 64 bands, 4 channels, and the axes of the three.
 const CROSSTALK: usize = 33 * 33 * 64 * 4 + 130;
 /// Packets that a host may send ahead. A trade: 8 MiB of memory at the longest packet, and the

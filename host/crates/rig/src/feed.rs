@@ -4,11 +4,11 @@ use camrig_base::{Error, Result};
 use camrig_exposure::SimulatedSensor;
 use camrig_exposure::{Chunk, IrradianceCube};
 use camrig_firmware_sim::memory::UNIT_BYTES;
-use camrig_rig_link::message::Codec;
+use camrig_rig_link::message::{Codec, WIDE_GROUPS};
 use camrig_sensor_core::arith::{Arith, Float};
 use camrig_sensor_core::collect::Collector;
 use camrig_sensor_core::config::FrameSettings;
-use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups};
+use camrig_sensor_core::spectral::{BandRow, GROUP, encode, groups, is_wide};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 
@@ -23,6 +23,8 @@ pub struct Feed<'a> {
     collapse: Option<&'a SimulatedSensor>,
     /// Rows made at a time: [`ROWS`], or all.
     at_once: usize,
+    /// Whether the rig reads groups of high dynamic range.
+    reads_wide: bool,
     /// First of the rows in `bytes`.
     first: usize,
     bytes: Vec<u8>,
@@ -31,7 +33,7 @@ pub struct Feed<'a> {
 impl<'a> Feed<'a> {
     /// All bands of a cube.
     pub fn spectral(cube: &'a IrradianceCube) -> Self {
-        Self { cube, collapse: None, at_once: ROWS, first: 0, bytes: Vec::new() }
+        Self { cube, collapse: None, at_once: ROWS, reads_wide: true, first: 0, bytes: Vec::new() }
     }
 
     /// Mean electrons per second: the sum over the bands for this sensor. Rounding to 16 bits per
@@ -60,10 +62,18 @@ impl<'a> Feed<'a> {
         bands * groups(self.cube.header.width) * UNIT_BYTES
     }
 
+    /// For a rig with these codecs, as [`Capabilities::codecs`] has them.
+    ///
+    /// [`Capabilities::codecs`]: camrig_rig_link::message::Capabilities::codecs
+    pub fn for_codecs(&mut self, codecs: u8) {
+        self.reads_wide = codecs & WIDE_GROUPS != 0;
+    }
+
     /// Fills `out` with the units of row `row` from unit `first` on.
     ///
     /// # Errors
-    /// A cube that cannot be read, a sensor that the model refuses.
+    /// A cube that cannot be read, a sensor that the model refuses; a group of high dynamic range
+    /// for a rig that does not read it.
     pub fn units(&mut self, row: usize, first: usize, out: &mut [u8]) -> Result<()> {
         let row_bytes = self.row_bytes();
         if row < self.first || (row - self.first) * row_bytes >= self.bytes.len() {
@@ -71,6 +81,14 @@ impl<'a> Feed<'a> {
         }
         let at = (row - self.first) * row_bytes + first * UNIT_BYTES;
         out.copy_from_slice(&self.bytes[at..at + out.len()]);
+        let exponents = || out.iter().step_by(UNIT_BYTES).map(|&byte| byte as i8);
+        if !self.reads_wide && exponents().any(is_wide) {
+            return Err(Error::unsupported(format!(
+                "row {row} has light beside a lamp that is below 1/4096 of it, which this rig does \
+                 not read"
+            ))
+            .help("update the rig's firmware, or expose these frames in this process"));
+        }
         Ok(())
     }
 

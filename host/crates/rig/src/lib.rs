@@ -39,6 +39,7 @@ pub mod log;
 pub mod mirror;
 #[cfg(feature = "serial")]
 mod platform;
+pub mod remembering;
 pub mod script;
 #[cfg(feature = "serial")]
 pub mod serial;

@@ -1,23 +1,16 @@
 //! The sensor stage, in this process or on a rig: the same bytes.
 
+use super::remembering::remembering;
 use super::{FrameRequest, Rig};
 use camrig_base::{Error, RawFrame, Result};
 use camrig_exposure::{Arithmetic, FrameOptions, IrradianceCube, SimulatedSensor};
 use camrig_sensor_core::config::FrameSettings;
-use camrig_sensor_core::effects::Needs;
 
 /// Where frames are exposed.
 pub struct SensorStage {
     rig: Option<Rig>,
     arithmetic: Arithmetic,
     cleared: Option<String>,
-}
-
-/// The sensor's effects that depend on the light of the frame before. A rig knows that light only
-/// where it is the frame's own, or none.
-pub fn remembering(sensor: &SimulatedSensor) -> impl Iterator<Item = &'static str> + '_ {
-    let entries = sensor.config.effects.iter().map(|effect| effect.entry());
-    entries.filter(|entry| entry.needs == Needs::PreviousFrame).map(|entry| entry.kind)
 }
 
 impl SensorStage {
@@ -52,7 +45,8 @@ impl SensorStage {
         self.rig.as_mut().map_or(Ok(()), |rig| rig.set_camera(sensor))
     }
 
-    /// One frame under `cube`, after one under `before` (dark where none).
+    /// One frame under `cube`, after one under `before` (dark where none) for the previous exposure
+    /// of `settings`.
     ///
     /// # Errors
     /// Those of [`SimulatedSensor::frame`] and [`Rig::frame`]; light that changes under a sensor

@@ -138,10 +138,18 @@ impl Comparison {
     /// captured frames or an improved model, if no difference remains.
     #[must_use]
     pub fn holds(&self) -> bool {
+        self.failures().is_empty()
+    }
+
+    /// What keeps it from that: the figures, with what was found and what is allowed, in words.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
         match &self.after {
-            Some(after) if self.is_substitute => self.before.as_reported() && after.vanish(),
-            Some(after) => after.vanish(),
-            None => self.before.vanish(),
+            Some(after) if self.is_substitute => {
+                [self.before.not_as_reported(), after.remaining()].concat()
+            }
+            Some(after) => after.remaining(),
+            None => self.before.remaining(),
         }
     }
 }

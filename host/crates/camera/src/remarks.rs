@@ -1,0 +1,162 @@
+//! What a camera file asks of effects that do nothing there, or leave the range in which their
+//! model holds: for people, with the reason.
+
+use super::{Camera, KeptNoise};
+use camrig_sensor_core::effects::{Domain, Effect};
+
+/// Charge times coefficient up to which the brighter-fatter model holds: its first order in aµ.
+const MAX_BRIGHTER_FATTER: f64 = 0.1;
+
+/// Remarks on the effects of a camera, in their order.
+pub(super) fn of(camera: &Camera) -> Vec<String> {
+    let about = |effect: &Effect| {
+        let reason = reason(camera, effect)?;
+        Some(format!("the effect {} {reason}", effect.entry().kind))
+    };
+    let single = camera.effects.iter().filter_map(about);
+    single.chain(behind_the_converter(camera)).collect()
+}
+
+fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
+    let sensor = &camera.sensor;
+    let full_well_e = sensor.full_well_e;
+    match effect {
+        Effect::GreenImbalance(_) => {
+            let cfa = &sensor.cfa;
+            let bayer = (cfa.width, cfa.height) == (2, 2) && sensor.channel_names.len() >= 3;
+            (!bayer).then(|| {
+                format!(
+                    "does nothing: the pattern {cfa} has no rows of 2 x 2 pixels with one green \
+                     each"
+                )
+            })
+        }
+        Effect::ColourShading(e) => {
+            let channels = sensor.channel_names.len();
+            let by_channel = [e.channel_0, e.channel_1, e.channel_2, e.channel_3];
+            let beyond = (channels..by_channel.len()).find(|&c| by_channel[c] != 0.0)?;
+            Some(format!(
+                "does nothing with channel_{beyond}: the sensor has {channels} channels, from 0 on"
+            ))
+        }
+        Effect::ReadNoiseSpread(_) => {
+            let without = sensor.noise.read_e == 0.0 && sensor.noise.read_e_post == 0.0;
+            without.then(|| "does nothing: there is no read noise to spread (read_e = 0)".into())
+        }
+        Effect::ExactShotNoise(_) => (sensor.kept_noise == KeptNoise::None)
+            .then(|| "does nothing: shot noise is switched off".into()),
+        Effect::PdafPattern(e) => {
+            let beyond = |first: f32, period: f32, pixels: u32| {
+                first as u32 % (period as u32).max(1) >= pixels
+            };
+            (beyond(e.first_x, e.period_x, sensor.width)
+                || beyond(e.first_y, e.period_y, sensor.height))
+            .then(|| {
+                format!(
+                    "does nothing: its first pixel lies outside the {} x {} pixels of the sensor",
+                    sensor.width, sensor.height
+                )
+            })
+        }
+        Effect::FullWell(e) => {
+            (f64::from(e.full_well_e) > full_well_e && e.knee == 0.0).then(|| {
+                format!(
+                    "does nothing: the sensor's full well, {full_well_e} e-, is below its {} e-",
+                    e.full_well_e
+                )
+            })
+        }
+        Effect::BrighterFatter(e) => {
+            let strength = f64::from(e.coefficient) * full_well_e;
+            (strength > MAX_BRIGHTER_FATTER).then(|| {
+                format!(
+                    "leaves the range of its model: coefficient x full well is {strength:.2}, and \
+                     it holds up to {MAX_BRIGHTER_FATTER}, which is a coefficient of {:.1e} here",
+                    MAX_BRIGHTER_FATTER / full_well_e
+                )
+            })
+        }
+        Effect::Nonlinearity(e) => {
+            // The slope at full well, 1 − a (n + 1).
+            (e.loss * (e.exponent + 1.0) > 1.0).then(|| {
+                format!(
+                    "leaves the range of its model: the response falls before full well where \
+                     loss x (exponent + 1) is above 1, and it is {:.2}",
+                    e.loss * (e.exponent + 1.0)
+                )
+            })
+        }
+        _ => None,
+    }
+}
+
+/// Effects on the signal that stand behind the converter's own.
+fn behind_the_converter(camera: &Camera) -> impl Iterator<Item = String> + '_ {
+    let voltage = camera.effects.iter().filter(|e| e.domain() == Domain::Voltage);
+    let behind = voltage.skip_while(|e| !matches!(e, Effect::AdcNonlinearity(_)));
+    // What is done to numbers.
+    let digital = |e: &&Effect| {
+        matches!(
+            e,
+            Effect::AdcNonlinearity(_) | Effect::OffsetClipping(_) | Effect::BlackLevelOffset(_)
+        )
+    };
+    behind.filter(move |e| !digital(e)).map(|effect| {
+        format!(
+            "the effect {} acts on the signal before the converter, but follows \
+             adc-nonlinearity, so that codes are not where the converter has them; list it before",
+            effect.entry().kind
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Change;
+    use super::*;
+
+    fn remarks(preset: &str, changes: &[(&str, f64)]) -> Vec<String> {
+        let changes = changes.iter().map(|&(key, value)| Change::new(key, value));
+        of(&Camera::load_with(preset, changes).unwrap())
+    }
+
+    #[test]
+    fn effects_without_effect_are_told_with_the_reason() {
+        for (preset, key, value, reason) in [
+            ("s5kgn1", "effect.green-imbalance.centre", 0.2, "no rows of 2 x 2 pixels"),
+            ("mt9v024", "effect.green-imbalance.centre", 0.2, "no rows of 2 x 2 pixels"),
+            ("mt9t012", "effect.colour-shading.channel_3", 0.1, "has 3 channels"),
+            ("mt9t012", "effect.full-well.full_well_e", 5e5, "is below its 500000 e-"),
+        ] {
+            let told = remarks(preset, &[(key, value)]);
+            assert!(told.len() == 1 && told[0].contains(reason), "{key}: {told:?}");
+        }
+        let spread = ("effect.read-noise-spread.spread", 0.3);
+        let without = [("sensor.noise.read_e", 0.0), ("sensor.noise.read_e_post", 0.0), spread];
+        assert!(remarks("mt9t012", &without)[0].contains("no read noise"));
+        assert_eq!(remarks("mt9t012", &[spread]), [] as [String; 0]);
+        for works in ["effect.green-imbalance.centre", "effect.colour-shading.channel_2"] {
+            assert_eq!(remarks("mt9t012", &[(works, 0.1)]), [] as [String; 0], "{works}");
+        }
+    }
+
+    #[test]
+    fn parameters_beyond_a_models_validity_are_told() {
+        let full_well_e = Camera::load("mt9t012").unwrap().sensor.full_well_e;
+        let strength = |aw: f64| ("effect.brighter-fatter.coefficient", aw / full_well_e);
+        assert_eq!(remarks("mt9t012", &[strength(0.099)]), [] as [String; 0]);
+        let told = remarks("mt9t012", &[strength(0.11)]);
+        assert!(told[0].contains("is 0.11, and it holds up to 0.1"), "{told:?}");
+        let fall = [("effect.nonlinearity.loss", 0.4), ("effect.nonlinearity.exponent", 2.0)];
+        assert!(remarks("mt9t012", &fall)[0].contains("it is 1.20"));
+    }
+
+    #[test]
+    fn noise_behind_the_converter_is_told() {
+        let adc = ("effect.adc-nonlinearity.sigma_lsb", 0.1);
+        let noise = ("effect.row-temporal-noise.sigma_e", 1.0);
+        assert_eq!(remarks("mt9t012", &[noise, adc]), [] as [String; 0]);
+        let told = remarks("mt9t012", &[adc, noise]);
+        assert!(told.len() == 1 && told[0].contains("row-temporal-noise"), "{told:?}");
+    }
+}
