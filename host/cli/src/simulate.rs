@@ -12,7 +12,6 @@ use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_light::Illuminant;
 use camrig_optics::{Misplaced, NodeReport};
 use camrig_render::SimulatedSensor;
-use camrig_render::hdr::Hdr;
 use camrig_render::{self as render, OpticsOutput};
 use camrig_report::simulation;
 use camrig_rig::SensorStage;
@@ -243,11 +242,10 @@ pub fn expose_frames(
                 let last_short = last.map(|s| s / hdr.ratio() as f32);
                 // What a pixel was exposed to before: one that is read twice, to the other of the
                 // two; others, to the same of the frame before.
-                let (first, second) = match hdr {
-                    Hdr::Staggered { .. } => {
-                        ((before, last_short), (Some(cube), Some(long.exposure_s)))
-                    }
-                    Hdr::Rows { .. } => ((before, last), (before, last_short)),
+                let (first, second) = if hdr.reads_twice() {
+                    ((before, last_short), (Some(cube), Some(long.exposure_s)))
+                } else {
+                    ((before, last), (before, last_short))
                 };
                 let long = take(&long, first)?;
                 let short = take(&short, second)?;

@@ -57,6 +57,11 @@ impl Hdr {
         }
     }
 
+    /// Whether each pixel is read twice, the long exposure first.
+    pub fn reads_twice(&self) -> bool {
+        matches!(self, Self::Staggered { .. })
+    }
+
     /// Frame numbers of the long and the short exposure of frame `frame`: a pixel that is read
     /// twice has new temporal noise the second time.
     pub fn frames(&self, frame: u32) -> [u32; 2] {

@@ -4,9 +4,9 @@ use super::feed::Feed;
 use super::held::Held;
 #[cfg(feature = "hid")]
 use super::hid;
+use super::remembering::remembering;
 #[cfg(feature = "serial")]
 use super::serial;
-use super::remembering::remembering;
 use super::transport::Transport;
 use super::{Url, emulator, tcp};
 use camrig_base::{Error, ErrorCode, RawFrame, Result};
