@@ -88,6 +88,14 @@ fn the_announcement_of_a_frame_and_its_answer() {
     let mut bytes = vec![0, 0xac, 0x02, 5, 2, 80, 31, 1, 0, 12, 0, 0, 0xc8, 0x41, 1, 1];
     bytes.extend([0, 0, 0, 0x3f, 0, 0, 0, 0x40]);
     assert_eq!(postcard(&ToDevice::FrameBegin(begin)), bytes);
+    // Dark and lit are the bytes of a bool; another exposure follows its number.
+    let at = bytes.len() - 10;
+    let with = |before, of: &[u8]| {
+        let other = [&bytes[..at], of, &bytes[at + 1..]].concat();
+        assert_eq!(postcard(&ToDevice::FrameBegin(FrameBegin { before, ..begin })), other);
+    };
+    with(Before::Dark, &[0]);
+    with(Before::LitFor { exposure_s: 0.5 }, &[2, 0, 0, 0, 0x3f]);
     let shape = FrameShape { rows: 2, units: 155, unit_bytes: 33, raw_bytes: 120, halo: 1 };
     let start = FrameStart {
         transfer: 300,

@@ -88,7 +88,8 @@ pub fn compare_frame(
 ) {
     let sensor = sensor(camera, cube);
     rig.set_camera(&sensor).unwrap();
-    let settings = camera.settings(frame, 0.02, Some(1.0 + f64::from(frame)));
+    // As after a bracket: what lags is of the exposure before.
+    let settings = camera.settings(frame, 0.02, Some(1.0 + f64::from(frame))).after_exposure(0.07);
     let request =
         FrameRequest { arithmetic, lit_before: frame > 0, ..FrameRequest::new(settings) };
     let before = (frame > 0).then_some(cube);
