@@ -90,8 +90,9 @@ fn set(numbers: &[Value]) -> EffectSet {
 
 /// A message of the vectors as serde writes it: variants of one field without the field's name.
 fn as_serde(value: &Value) -> Value {
-    const NAMED: [&str; 7] = [
+    const NAMED: [&str; 8] = [
         "FrameBegin",
+        "LitFor",
         "FrameStart",
         "Statistics",
         "Camera",
