@@ -14,16 +14,23 @@ pub enum Alternatives<T> {
     List(Vec<T>),
 }
 
+impl<T> Alternatives<T> {
+    /// The values, of which an empty list has none.
+    pub fn as_slice(&self) -> &[T] {
+        match self {
+            Self::One(value) => std::slice::from_ref(value),
+            Self::List(values) => values,
+        }
+    }
+}
+
 impl<T: Clone> Alternatives<T> {
     /// The values, at least one.
     ///
     /// # Errors
     /// An empty list.
     pub fn values(&self) -> Result<Vec<T>> {
-        match self {
-            Self::One(value) => Ok(vec![value.clone()]),
-            Self::List(values) => not_empty(values.clone()),
-        }
+        not_empty(self.as_slice().to_vec())
     }
 }
 

@@ -1,4 +1,4 @@
-//! Matrices between colour spaces of three components.
+//! Matrices between colour spaces of three components, and the curve of sRGB.
 
 /// Rows of a 3 x 3 matrix.
 pub type Matrix = [[f64; 3]; 3];
@@ -28,6 +28,23 @@ pub fn inverse(m: &Matrix) -> Option<Matrix> {
         return None;
     }
     Some(std::array::from_fn(|i| std::array::from_fn(|j| minor(j, i) / determinant)))
+}
+
+/// The sRGB code, 0 to 1, of linear light (IEC 61966-2-1). Values below 0 follow the reflected
+/// curve, those above 1 the continued one.
+pub fn srgb_code(linear: f64) -> f64 {
+    let magnitude = linear.abs();
+    let code = if magnitude <= 0.003_130_8 {
+        12.92 * magnitude
+    } else {
+        1.055 * libm::pow(magnitude, 1.0 / 2.4) - 0.055
+    };
+    code.copysign(linear)
+}
+
+/// The sRGB code of linear light from 0 to 1 in 8 bits.
+pub fn srgb_byte(linear: f64) -> u8 {
+    (srgb_code(linear) * 255.0).round() as u8
 }
 
 #[cfg(test)]

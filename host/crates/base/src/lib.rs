@@ -9,7 +9,8 @@
 //!   while they are written;
 //! * [`alternatives`], [`choice`] and [`toml_text`]: values, names and errors in TOML files;
 //!   [`options`]: those behind a name, `KEY=VALUE,...`;
-//! * [`color`]: matrices between colour spaces; [`npy`]: NumPy arrays; [`median`];
+//! * [`color`]: matrices between colour spaces; [`npy`]: NumPy arrays; [`Sample`]: types of
+//!   numbers in files; [`median`];
 //!   [`natural_order`] of names; [`copies`]: the same frame again; and [`platform`] for what
 //!   operating systems do differently.
 //!
@@ -53,6 +54,7 @@ pub mod options;
 pub mod output;
 mod plane;
 pub mod platform;
+mod sample;
 mod schema_check;
 pub mod schema_words;
 mod spectrum;
@@ -72,4 +74,5 @@ pub use error_code::ErrorCode;
 pub use frame::{ChannelMean, RawFrame};
 pub use natural_order::natural_order;
 pub use plane::Plane;
+pub use sample::Sample;
 pub use spectrum::{Bands, Outside, Spectrum};

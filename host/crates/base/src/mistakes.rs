@@ -4,6 +4,7 @@
 //! type that it is read into, which finds unknown and missing keys, values of wrong types, and
 //! numbers out of range in one pass.
 
+pub use crate::schema_check::of_value;
 use crate::{Error, Result, schema_check, toml_text};
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
@@ -63,13 +64,6 @@ pub fn compare<T: DeserializeOwned>(text: &str, schema: &Value) -> (Option<T>, V
     }
     mistakes.truncate(MAX_MISTAKES);
     (value, mistakes)
-}
-
-/// What is wrong with the value of a key, given in TOML, by the schema of the key, a part of
-/// `root`.
-#[must_use]
-pub fn of_value(key: &str, value: &str, root: &Value, schema: &Value) -> Option<Error> {
-    schema_check::of_value(key, value, root, schema)
 }
 
 /// Several mistakes, or values that are missing, as one error; one as it is.

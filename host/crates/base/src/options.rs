@@ -1,4 +1,4 @@
-//! Options that stand behind a name, `NAME:KEY=VALUE,...`.
+//! Options that follow a name, `NAME:KEY=VALUE,...`.
 
 use crate::{Error, Result};
 use serde::de::DeserializeOwned;

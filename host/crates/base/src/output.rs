@@ -126,21 +126,23 @@ fn name_file(file: &fs::File, path: &Path, force: bool) -> io::Result<()> {
     }
 }
 
+impl Target {
+    fn writer(&mut self) -> &mut dyn Write {
+        match self {
+            Self::Link(writer) => writer,
+            Self::Rename(writer) => writer,
+            Self::Stream(writer) => writer,
+        }
+    }
+}
+
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match &mut self.target {
-            Target::Link(writer) => writer.write(bytes),
-            Target::Rename(writer) => writer.write(bytes),
-            Target::Stream(writer) => writer.write(bytes),
-        }
+        self.target.writer().write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        match &mut self.target {
-            Target::Link(writer) => writer.flush(),
-            Target::Rename(writer) => writer.flush(),
-            Target::Stream(writer) => writer.flush(),
-        }
+        self.target.writer().flush()
     }
 }
 

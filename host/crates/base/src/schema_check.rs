@@ -1,9 +1,9 @@
 //! What is wrong with a TOML file, by the JSON schema of the type that it is read into.
 //!
-//! Beside the keywords of JSON Schema that `schemars` derives, a property may have these, given by
-//! `#[schemars(extend("unit" = "mm", ...))]`: `unit` and `usual` for messages; `of_kind`, the word
-//! of the table's key `kind` that the key belongs to, and with it `needed`, where that kind cannot
-//! do without it.
+//! Apart from the keywords of JSON Schema that `schemars` derives, a property may have these, given
+//! by `#[schemars(extend("unit" = "mm", ...))]`: `unit` and `usual` for messages; `of_kind`, the
+//! word of the table's key `kind` that the key belongs to, and with it `needed`, where that kind
+//! cannot do without it.
 
 use crate::schema_words::{alternatives, in_words, resolved, type_of, words};
 use crate::{Error, toml_text};
@@ -19,8 +19,10 @@ pub(crate) fn mistakes(text: &str, file: &DeTable<'_>, schema: &Value) -> Vec<Er
     check.found.into_iter().map(|(_, mistake)| mistake).collect()
 }
 
-/// What is wrong with a value, in TOML, of a property.
-pub(crate) fn of_value(key: &str, value: &str, root: &Value, property: &Value) -> Option<Error> {
+/// What is wrong with the value of a key, given in TOML, by the schema of the key, a part of
+/// `root`.
+#[must_use]
+pub fn of_value(key: &str, value: &str, root: &Value, property: &Value) -> Option<Error> {
     let text = format!("{key:?} = {value}");
     let file = DeTable::parse(&text).ok()?;
     let mut check = Check { text: &text, root, found: Vec::new() };

@@ -45,7 +45,7 @@ pub fn words(schema: &Value) -> Option<Vec<&str>> {
     }
 }
 
-/// What a value may be, such as `number, 0.1 to 1000 µm`. `mark` stands around literal text.
+/// What a value may be, such as `number, 0.1 to 1000 µm`. `mark` encloses literal text.
 #[must_use]
 pub fn in_words(root: &Value, schema: &Value, mark: &str) -> String {
     let unit = schema["unit"].as_str().map_or(String::new(), |unit| format!(" {unit}"));

@@ -3,8 +3,8 @@
 
 use crate::{Error, Result};
 
-/// Words of the column of wavelengths, which stand first in a header that is not divided into
-/// columns.
+/// Words of the column of wavelengths, with which a header that is not divided into columns
+/// begins.
 const WAVELENGTH: [&str; 9] =
     ["wavelength", "wavelengths", "wave", "length", "wl", "lambda", "λ", "nm", "um"];
 /// Adjectives that do not change what a quantity is.
@@ -48,7 +48,7 @@ impl<'a> Column<'a> {
         Self { header, name: name.trim().to_string(), unit }
     }
 
-    /// The name as it stands, without the unit.
+    /// The name as written, without the unit.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -82,7 +82,7 @@ fn plain(name: &str) -> String {
     letters.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// What stands before the brackets at the end of a text, and in them.
+/// The text before the brackets at its end, and in them.
 fn in_brackets(text: &str) -> Option<(&str, &str)> {
     let mut depth = 0;
     if !text.ends_with([')', ']']) {

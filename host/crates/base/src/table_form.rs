@@ -22,7 +22,7 @@ pub fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
     lines(text).take_while(|(_, line)| !is_end(line))
 }
 
-/// What stands below the line that ends a table, in words.
+/// Describes the lines after the one that ends a table.
 fn below_end(text: &str) -> Option<String> {
     let mut rest = lines(text).skip_while(|(_, line)| !is_end(line));
     let (_, end) = rest.next()?;
@@ -59,7 +59,7 @@ pub struct Form {
     unit: Option<Unit>,
 }
 
-/// What stands between the fields of a line.
+/// The separator between the fields of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Separator {
     Character(char),
@@ -67,7 +67,7 @@ enum Separator {
 }
 
 impl Separator {
-    /// Those that are tried, most telling first: a semicolon or tab never stands in a number.
+    /// In the order in which they are tried: a semicolon or tab is never part of a number.
     const ALL: [Separator; 4] = [
         Separator::Character(';'),
         Separator::Character('\t'),

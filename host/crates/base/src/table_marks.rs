@@ -12,7 +12,7 @@ pub struct Marks {
     point: Option<(usize, String)>,
     /// The first number with a comma, and its line.
     comma: Option<(usize, String)>,
-    /// Whether a comma stands where none stands between thousands.
+    /// Whether a comma is where none separates thousands.
     is_decimal: bool,
 }
 

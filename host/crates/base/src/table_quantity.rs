@@ -3,11 +3,9 @@
 //! of the table says what it is.
 
 use crate::table_column::Column;
-use crate::unit::{Base, Unit};
+use crate::unit::{Base, PHOTON_EV_NM, Unit};
 use crate::{Error, Result};
 
-/// e⁻ per photon over A/W at 1 nm: hc/e in W·nm/A (CODATA 2018).
-const AMPERES_PER_WATT_NM: f64 = 1_239.841_984;
 /// Energy of a photon of 1 nm, J: hc.
 const PHOTON_J_NM: f64 = 1.986_445_857e-16;
 /// Photons in a mole.
@@ -16,8 +14,6 @@ const MOLE_PHOTONS: f64 = 6.022_140_76e23;
 const LIGHT_NM_PER_S: f64 = 2.997_924_58e17;
 /// The same of a power per 1/cm: nm in a cm.
 const CM_NM: f64 = 1e7;
-/// The same of a power per eV: hc in eV·nm (CODATA 2018).
-const PHOTON_EV_NM: f64 = 1_239.841_984;
 /// Absorbance on the scale of natural logarithms in absorbance: log10 e.
 const NAPIERIAN: f64 = std::f64::consts::LOG10_E;
 
@@ -37,7 +33,7 @@ pub enum Wanted {
     Power,
 }
 
-/// What a name stands for.
+/// What a name means.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Transmittance,
@@ -191,7 +187,7 @@ const ARBITRARY: &[&str] = &[
     "relative units",
 ];
 
-/// What a column's name stands for.
+/// What a column's name means.
 struct Named {
     kind: Kind,
     /// Whether it says that the values are relative.
@@ -251,7 +247,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// The quantity of a column in a table that is read for what is wanted; `unit` stands for what
+    /// The quantity of a column in a table that is read for what is wanted; `unit` replaces what
     /// the header says, and a column that was `chosen` by its name need not have a known one.
     /// `None` for a name that is not known.
     ///
@@ -271,7 +267,7 @@ impl Quantity {
                 Some(Named { kind, is_relative, .. }) => {
                     (kind, column.unit.as_deref(), is_relative)
                 }
-                // `W/m2/nm`: the unit stands for a name.
+                // `W/m2/nm`: a unit in place of a name.
                 None if Scale::parse(column.header).is_ok() => {
                     (Kind::Label, Some(column.header), false)
                 }
@@ -306,7 +302,7 @@ impl Quantity {
         match self {
             Self::Plain | Self::Relative => value,
             Self::Fraction(unit) => unit.of(value),
-            Self::Responsivity(amperes) => value * amperes * AMPERES_PER_WATT_NM / nm,
+            Self::Responsivity(amperes) => value * amperes * PHOTON_EV_NM / nm,
             Self::Absorbance(size) => libm::exp10(-size * value),
             Self::Decibels => libm::exp10(0.1 * value),
             Self::DecibelMilliwatts => 1e-3 * libm::exp10(0.1 * value),
@@ -341,7 +337,7 @@ impl Quantity {
     }
 }
 
-/// What a column's name stands for.
+/// What a column's name means.
 fn named(column: &Column<'_>, wanted: Wanted) -> Option<Named> {
     let is_letter = column.name().chars().count() == 1;
     let of_channel = matches!(wanted, Wanted::Efficiency | Wanted::EfficiencyShape)
@@ -751,7 +747,7 @@ mod tests {
         assert!(none.to_string().contains("Lamp 1, Lamp 2"), "{none}");
     }
 
-    /// Headers of blanks may stand undivided above two columns of numbers.
+    /// A header separated by blanks may not divide into its two columns.
     #[test]
     fn the_words_of_wavelength_are_not_of_the_values() {
         let text = "Wavelength (nm) Optical density\n500 2\n510 2\n";

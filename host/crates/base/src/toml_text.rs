@@ -2,6 +2,7 @@
 
 use crate::{Error, Result};
 use serde::de::DeserializeOwned;
+use std::path::Path;
 use toml::de::DeTable;
 
 /// Reads a TOML file, with the line in the error.
@@ -10,6 +11,15 @@ use toml::de::DeTable;
 /// The first mistake of the file; [`crate::mistakes::read`] finds all of them.
 pub fn read<T: DeserializeOwned>(text: &str) -> Result<T> {
     toml::from_str(text).map_err(|e| error(text, &e))
+}
+
+/// Reads a TOML file from disk, with file and line in the error.
+///
+/// # Errors
+/// A file that cannot be read, and those of [`read`].
+pub fn read_file<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
+    read(&text).map_err(|e| e.at(path.display()))
 }
 
 /// An error of the TOML parser, with its line, and the nearest known key for an unknown one.

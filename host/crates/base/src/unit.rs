@@ -79,8 +79,9 @@ pub struct Unit {
 
 /// Speed of light, m/s (exact by the SI's definition of the metre).
 const LIGHT_M_PER_S: f64 = 299_792_458.0;
-/// Energy of a photon times its wavelength, eV·nm: hc (CODATA 2018).
-const PHOTON_EV_NM: f64 = 1_239.841_984;
+/// Energy of a photon times its wavelength, eV·nm: hc (CODATA 2018); e⁻ per photon over A/W at 1 nm
+/// is the same number.
+pub(crate) const PHOTON_EV_NM: f64 = 1_239.841_984;
 /// Powers of a unit beyond which a text is no unit.
 const MAX_POWER: i32 = 30;
 /// Characters of a unit beyond which a text is none.
@@ -272,6 +273,11 @@ impl Unit {
         } else {
             None
         }
+    }
+
+    /// How many seconds it is; `None` where it is no unit of time.
+    pub fn seconds(&self) -> Option<f64> {
+        self.is(&[(Base::Time, 1)]).then(|| self.factor())
     }
 
     /// The unit times a power of ten.

@@ -3,8 +3,7 @@
 use crate::exposures::Series;
 use crate::hdr::{Flag, Merged};
 use crate::response::Response;
-use camrig_base::{Cfa, Error, Result};
-use serde::de::DeserializeOwned;
+use camrig_base::{Cfa, Error, Result, toml_text};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -29,7 +28,7 @@ impl ResponseFile {
     /// # Errors
     /// A file that is missing or wrong.
     pub fn read(path: &Path) -> Result<Self> {
-        read_toml(path)
+        toml_text::read_file(path)
     }
 
     /// The file's text.
@@ -102,7 +101,7 @@ impl HdrFile {
     /// # Errors
     /// A file that is missing or wrong.
     pub fn read(directory: &Path) -> Result<Self> {
-        read_toml(&directory.join("hdr.toml"))
+        toml_text::read_file(&directory.join("hdr.toml"))
     }
 
     /// The file's text.
@@ -112,12 +111,6 @@ impl HdrFile {
     pub fn text(&self) -> Result<String> {
         to_toml("hdr.toml", self)
     }
-}
-
-fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io("read", path, e))?;
-    toml::from_str(&text)
-        .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))
 }
 
 fn to_toml(name: &str, file: &impl Serialize) -> Result<String> {

@@ -11,6 +11,7 @@
 
 use super::Shutter;
 use super::order::in_order;
+use camrig_base::alternatives::Alternatives;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -149,10 +150,10 @@ pub struct LensFile {
     pub configuration: Option<NumberOrName>,
     /// Glasses that no catalogue has, as NAME=n_d:V_d (prescription).
     #[schemars(extend("without" = "none", "of_kind" = "prescription"))]
-    pub glass: Option<OneOrSeveral>,
+    pub glass: Option<Alternatives<String>>,
     /// Glass catalogues (.agf), or folders of them, before those beside the file (prescription).
     #[schemars(extend("without" = "those beside the file", "of_kind" = "prescription"))]
-    pub glass_catalogue: Option<OneOrSeveral>,
+    pub glass_catalogue: Option<Alternatives<String>>,
 }
 
 /// A number from 1, or a name.
@@ -169,24 +170,6 @@ impl std::fmt::Display for NumberOrName {
         match self {
             Self::Number(n) => n.fmt(f),
             Self::Name(name) => name.fmt(f),
-        }
-    }
-}
-
-/// One text or a list of them.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(untagged)]
-#[non_exhaustive]
-pub enum OneOrSeveral {
-    One(String),
-    Several(Vec<String>),
-}
-
-impl OneOrSeveral {
-    pub fn texts(&self) -> &[String] {
-        match self {
-            Self::One(text) => std::slice::from_ref(text),
-            Self::Several(texts) => texts,
         }
     }
 }

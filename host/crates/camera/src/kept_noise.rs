@@ -2,7 +2,6 @@
 //! it does to noise.
 
 use super::{Camera, Noise};
-use camrig_base::{Error, Result};
 use camrig_sensor_core::effects::{Class, Effect};
 
 /// Which of a camera's noise and fixed patterns a picture has. Rounding to DN stays, and so does
@@ -18,20 +17,9 @@ pub enum KeptNoise {
     None,
 }
 
+camrig_base::choices!(KeptNoise, "noise": All = "all", Shot = "shot", None = "none");
+
 impl KeptNoise {
-    /// All choices, in the order of a list for people.
-    pub const ALL: [Self; 3] = [Self::All, Self::Shot, Self::None];
-
-    /// The name on command lines.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::Shot => "shot",
-            Self::None => "none",
-        }
-    }
-
     /// What a picture lacks; `None` where that is nothing.
     #[must_use]
     pub const fn note(self) -> Option<&'static str> {
@@ -45,14 +33,6 @@ impl KeptNoise {
                 "no noise: mean signals, rounded; no dark charge, no fixed patterns, no defects",
             ),
         }
-    }
-}
-
-impl std::str::FromStr for KeptNoise {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        camrig_base::choice::by_name("noise", text, &Self::ALL, Self::name)
     }
 }
 

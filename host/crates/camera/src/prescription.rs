@@ -1,7 +1,8 @@
 //! `kind = "prescription"`: a lens file, and how the lens is used.
 
 use super::Folder;
-use super::file::{FileName, LensFile, OneOrSeveral};
+use super::file::{FileName, LensFile};
+use camrig_base::alternatives::Alternatives;
 use camrig_base::toml_text::place_of_key;
 use camrig_base::{Error, Result};
 use camrig_prescription::{Conditions, Focus, Glass, Setup};
@@ -27,9 +28,9 @@ pub(super) fn setup(file: &LensFile, text: &str, folder: &Folder<'_>) -> Result<
         stop_radius_mm: file.stop_radius_mm,
         reference_nm: file.reference_nm,
     };
-    let texts = |list: &Option<OneOrSeveral>| {
-        list.as_ref().map_or_else(Vec::new, |list| list.texts().to_vec())
-    };
+    fn texts(list: &Option<Alternatives<String>>) -> &[String] {
+        list.as_ref().map_or(&[], Alternatives::as_slice)
+    }
     let glasses: Result<Vec<(String, Glass)>> = texts(&file.glass)
         .iter()
         .map(|text| Glass::named(text).map_err(|e| e.at(place("glass"))))

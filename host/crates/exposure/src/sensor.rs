@@ -21,33 +21,7 @@ pub enum Arithmetic {
     Fixed,
 }
 
-impl Arithmetic {
-    /// All choices, in the order of a list for people.
-    pub const ALL: [Self; 2] = [Self::F32, Self::Fixed];
-
-    /// The name in files and on command lines.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::F32 => "f32",
-            Self::Fixed => "fixed",
-        }
-    }
-}
-
-impl std::fmt::Display for Arithmetic {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl std::str::FromStr for Arithmetic {
-    type Err = camrig_base::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        camrig_base::choice::by_name("arithmetic", text, &Self::ALL, Self::name)
-    }
-}
+camrig_base::choices!(Arithmetic, "arithmetic": F32 = "f32", Fixed = "fixed");
 
 /// How a frame is computed, where that is not the usual way.
 #[derive(Clone, Copy, Default)]

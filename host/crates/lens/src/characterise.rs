@@ -68,34 +68,9 @@ pub enum PsfMethod {
     Geometric,
 }
 
-impl PsfMethod {
-    /// All choices, in the order of a list for people.
-    pub const ALL: [Self; 3] = [Self::Auto, Self::Diffraction, Self::Geometric];
-
-    /// The name in files and on command lines.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Diffraction => "diffraction",
-            Self::Geometric => "geometric",
-        }
-    }
-}
-
-impl std::fmt::Display for PsfMethod {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl std::str::FromStr for PsfMethod {
-    type Err = camrig_base::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        camrig_base::choice::by_name("method of PSFs", text, &Self::ALL, Self::name)
-    }
-}
+camrig_base::choices!(PsfMethod, "method of PSFs":
+    Auto = "auto", Diffraction = "diffraction", Geometric = "geometric"
+);
 
 /// What a characterisation is to contain.
 #[derive(Clone, Debug, PartialEq)]
@@ -306,7 +281,7 @@ impl Tracer<'_> {
     }
 
     /// All that is traced at the stations, one by one, each wavelength in turn: what the choice of
-    /// heights left out beside what it traced at the probes.
+    /// heights left out, in addition to what it traced at the probes.
     fn complete(
         &self,
         stations: Vec<Station<Traced>>,
@@ -429,8 +404,8 @@ pub fn characterise(
     Ok(lens)
 }
 
-/// The samples with columns and rows turned round as told. With an even number of them, one has no
-/// mirror image and keeps its place.
+/// The samples with columns and rows reversed where `turned` says so. With an even number of them,
+/// one has no mirror image and keeps its place.
 pub(super) fn samples_upright(psf: &Psf, size: usize, turned: [bool; 2]) -> Vec<f32> {
     let source = |i: usize, turned: bool| match turned {
         false => i,

@@ -53,7 +53,7 @@ use super::forbes::{Forbes, Kind};
 use super::{
     Aperture, Clip, FieldKind, Fields, Form, Medium, Object, Pose, Prescription, Shape, Surface,
 };
-use camrig_base::{Error, Result};
+use camrig_base::{Error, Result, toml_text};
 use camrig_glass::{Catalogue, Glass};
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
@@ -229,8 +229,7 @@ pub fn schema() -> Schema {
 /// # Errors
 /// What is wrong in the file, with its line.
 pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
-    let file: File =
-        ::toml::from_str(text).map_err(|e| Error::input(e.to_string().trim_end().to_owned()))?;
+    let file: File = toml_text::read(text)?;
     if file.format != FORMAT {
         return Err(Error::input(format!("format \"{}\"", file.format))
             .help(format!("a prescription has format = \"{FORMAT}\"")));

@@ -37,34 +37,9 @@ pub enum OpticsPath {
 /// Components of [`OpticsPath::Components`].
 const COMPONENTS: usize = 12;
 
-impl OpticsPath {
-    /// All choices, in the order of a list for people.
-    pub const ALL: [Self; 3] = [Self::Bands, Self::Components, Self::Live];
-
-    /// The name in files and on command lines.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Bands => "bands",
-            Self::Components => "components",
-            Self::Live => "live",
-        }
-    }
-}
-
-impl std::fmt::Display for OpticsPath {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl std::str::FromStr for OpticsPath {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        camrig_base::choice::by_name("path", text, &Self::ALL, Self::name)
-    }
-}
+camrig_base::choices!(OpticsPath, "path":
+    Bands = "bands", Components = "components", Live = "live"
+);
 
 /// What a fast path leaves out against that band by band.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

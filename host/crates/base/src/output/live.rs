@@ -67,7 +67,7 @@ impl LiveOutput {
         }
     }
 
-    /// Whether a path stands for standard output.
+    /// Whether a path means standard output.
     pub fn is_stdout(path: &Path) -> bool {
         path.as_os_str() == "-"
     }

@@ -18,34 +18,7 @@ pub enum DeviceChoice {
     Auto,
 }
 
-impl DeviceChoice {
-    /// All choices, in the order of a list for people.
-    pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::Auto];
-
-    /// The name in files and on command lines.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Cpu => "cpu",
-            Self::Gpu => "gpu",
-            Self::Auto => "auto",
-        }
-    }
-}
-
-impl std::fmt::Display for DeviceChoice {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl std::str::FromStr for DeviceChoice {
-    type Err = camrig_base::Error;
-
-    fn from_str(text: &str) -> Result<Self> {
-        camrig_base::choice::by_name("device", text, &Self::ALL, Self::name)
-    }
-}
+camrig_base::choices!(DeviceChoice, "device": Cpu = "cpu", Gpu = "gpu", Auto = "auto");
 
 /// An opened device.
 #[derive(Clone, Copy, Debug, Default)]

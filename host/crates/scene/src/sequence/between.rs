@@ -24,27 +24,7 @@ pub enum Between {
     Hold,
 }
 
-impl Between {
-    /// All choices, in the order of a list for people.
-    pub const ALL: [Self; 2] = [Self::Linear, Self::Hold];
-
-    /// The name on command lines.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Linear => "linear",
-            Self::Hold => "hold",
-        }
-    }
-}
-
-impl std::str::FromStr for Between {
-    type Err = camrig_base::Error;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        camrig_base::choice::by_name("light between frames", text, &Self::ALL, Self::name)
-    }
-}
+camrig_base::choices!(Between, "light between frames": Linear = "linear", Hold = "hold");
 
 /// A frame in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
