@@ -22,7 +22,7 @@ const AZIMUTHS: usize = 256;
 const SAMPLES: usize = 64;
 /// Places of the sensor per cycle of the fastest phase in the sum.
 const PLACES_PER_CYCLE: f64 = 16.0;
-/// Most places that are looked at; a longer range is looked at more coarsely.
+/// Most places that are tried; a longer range is searched more coarsely.
 const MAX_PLACES: usize = 4000;
 /// Depths of focus λ/r² beyond the crossings of the rays within which the best place is looked
 /// for.
@@ -103,7 +103,7 @@ struct Wave {
 impl Wave {
     fn new(system: &System, nm: f64, per_mm: f64) -> Result<Self> {
         let train = system.at(nm)?;
-        let last = train.surfaces.last().map_or((0.0, 1.0), |s| (s.thickness, s.after));
+        let last = train.surfaces.last().map_or((0.0, 1.0), |s| (s.prescribed.thickness, s.after));
         let focus_mm = train.paraxial.image_distance_mm - last.0;
         let beam = Beam::aim(&train, 0.0)?;
         beam.check_rim()?;

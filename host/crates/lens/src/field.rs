@@ -8,7 +8,7 @@
 //! angles at the image are in coordinates of the image plane.
 //!
 //! Paraxial figures (pupils, stop radius, focal length) are those of the lens without its tilts
-//! and decentres, in the plane of y and z. Distortion is told against the real lens instead: the
+//! and decentres, in the plane of y and z. Distortion refers to the real lens instead: the
 //! linear map that chief rays next to the field point (0, 0) have, at the reference wavelength.
 
 mod characterise;
@@ -95,7 +95,7 @@ impl Map {
         Ok(Self { middle_mm: at(0.0, 0.0)?, slopes_mm: [slope(NEAR, 0.0)?, slope(0.0, NEAR)?] })
     }
 
-    /// The principal distance of the lens as it stands: the square root of the area that the map
+    /// The principal distance of the lens as it is: the square root of the area that the map
     /// gives to a unit of both tangents, mm.
     #[must_use]
     pub fn principal_distance_mm(&self) -> f64 {
@@ -315,7 +315,7 @@ impl<'a> Beam<'a> {
     }
 
     /// Root-mean-square distance of the rays from their centroid, mm: rays at even steps between
-    /// the pupil's edges, each with the area it stands for.
+    /// the pupil's edges, each with the area it represents.
     fn spot_rms_mm(&self, outline: &Outline) -> f64 {
         let mut sums = [0.0; 4];
         let origin = self.landing();

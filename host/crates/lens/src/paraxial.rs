@@ -81,14 +81,14 @@ fn halves(surfaces: &[TrainSurface], stop: usize, meridian: usize) -> (Matrix, M
     let mut sign = 1.0;
     for (i, s) in surfaces.iter().enumerate() {
         let before = sign * s.before;
-        if s.mirror {
+        if s.is_mirror() {
             sign = -sign;
         }
         let after = sign * s.after;
         let half = if i < stop { &mut front } else { &mut rear };
         *half = half.refract(s.power(before, after)[meridian]);
         if i + 1 < surfaces.len() {
-            *half = half.transfer(s.thickness / after);
+            *half = half.transfer(s.prescribed.thickness / after);
         }
     }
     (front, rear, sign * surfaces.last().map_or(1.0, |s| s.after))

@@ -11,8 +11,8 @@ use super::system::{away_from_lens, finite, move_sensor, paraxial_of, surfaces_a
 use super::trace::TrainSurface;
 use camrig_base::{Error, ErrorCode, Result};
 
-/// Width of a point's spot over that of the exit pupil from which on a sensor is told to be far out
-/// of focus. Chosen: a camera focused at infinity sees an object at ten focal lengths so.
+/// Width of a point's spot over that of the exit pupil from which on a sensor is reported as far
+/// out of focus. Chosen: a camera focused at infinity sees an object at ten focal lengths so.
 const WIDEST_SPOT: f64 = 0.1;
 /// Relative difference of stop radii from which on they are not one.
 const SAME_STOP: f64 = 1e-6;

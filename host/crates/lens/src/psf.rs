@@ -1,6 +1,6 @@
 //! Point-spread functions from the rays of a pupil.
 //!
-//! - Diffraction: every ray stands for a plane wave of its own direction. The waves are summed
+//! - Diffraction: every ray represents a plane wave of its own direction. The waves are summed
 //!   with their phases on the image plane around the chief ray (Zemax calls this the Huygens PSF).
 //!   [`direct`] computes that sum; [`diffraction`] computes it through a regular grid of
 //!   directions: rays are spread onto the grid with a short kernel whose transform is divided out

@@ -56,7 +56,7 @@ pub trait Bundle {
     /// miss it.
     #[must_use]
     fn solid_angle_from_sensor(&self, outline: &Outline) -> f64 {
-        let thickness = self.train().surfaces.last().map_or(0.0, |s| s.thickness);
+        let thickness = self.train().surfaces.last().map_or(0.0, |s| s.prescribed.thickness);
         let behind = thickness - self.train().paraxial.exit_z_mm;
         let (place, direction) = self.chief().get(0);
         let pupil_mm =
@@ -69,7 +69,7 @@ pub trait Bundle {
     /// Negative where that lies behind the image.
     #[must_use]
     fn reference_sphere_mm(&self) -> f64 {
-        let thickness = self.train().surfaces.last().map_or(0.0, |s| s.thickness);
+        let thickness = self.train().surfaces.last().map_or(0.0, |s| s.prescribed.thickness);
         (thickness - self.train().paraxial.exit_z_mm) / self.chief().direction[2][0]
     }
 }
@@ -314,7 +314,7 @@ impl<'a> Beam<'a> {
             }
             places.push([vertex + p[2], p[1]]);
             surface.bend(&mut ray);
-            vertex += surface.thickness;
+            vertex += surface.prescribed.thickness;
         }
         let (p, d) = ray.get(0);
         places.push([vertex, p[1] - p[2] * d[1] / d[2]]);
@@ -427,7 +427,7 @@ pub(super) fn check_obstacles(
     open: bool,
     place: &dyn Fn() -> String,
 ) -> Result<()> {
-    let mut clips = train.surfaces.iter().flat_map(|surface| &surface.clips);
+    let mut clips = train.surfaces.iter().flat_map(|surface| &surface.prescribed.clips);
     if !open || clips.all(|clip| clip.inner == 0.0) {
         return Ok(());
     }

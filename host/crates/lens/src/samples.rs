@@ -16,7 +16,7 @@ pub struct PupilSamples {
     pub cell_mm2: f64,
 }
 
-/// One ray and what it stands for.
+/// One ray and the part of the pupil that it represents.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
     /// Direction cosines x and y at the image.
@@ -29,7 +29,7 @@ pub struct Sample {
     pub opd: f64,
     /// Radiant power through its cell.
     pub power: f64,
-    /// Amplitude of its plane wave times the solid angle it stands for: √(power · dL dM). With it
+    /// Amplitude of its plane wave times the solid angle it represents: √(power · dL dM). With it
     /// the squared modulus of the summed waves is the irradiance on the image plane (Parseval),
     /// whatever the spacing of directions.
     pub amplitude: f64,

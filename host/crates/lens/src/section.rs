@@ -51,7 +51,7 @@ pub struct Section {
 /// A chief ray that is lost.
 pub fn section(system: &System, fields_deg: &[f64], count: usize) -> Result<Section> {
     let train = system.at(system.prescription.reference_nm)?;
-    let length: f64 = train.surfaces.iter().map(|s| s.thickness.abs()).sum();
+    let length: f64 = train.surfaces.iter().map(|s| s.prescribed.thickness.abs()).sum();
     let lead = 0.2 * length;
     let mut rays = Vec::with_capacity(fields_deg.len());
     for &deg in fields_deg {
@@ -85,7 +85,7 @@ pub fn section(system: &System, fields_deg: &[f64], count: usize) -> Result<Sect
             before_glass: matches!(system.prescription.surfaces[i].medium, Medium::Glass(_)),
             stop: i == train.stop,
         });
-        vertex += surface.thickness;
+        vertex += surface.prescribed.thickness;
     }
     Ok(Section { surfaces, rays, image_z_mm: vertex })
 }

@@ -1,12 +1,11 @@
 //! A prescription prepared for tracing: paraxial figures, the real radius of the stop, and the
 //! lens at each wavelength. How it is prepared is in `prepare`.
 
-use super::ideal::Ideal;
 use super::paraxial::{self, Paraxial};
-use super::prescription::{Clip, FieldKind, Form, Medium, Object, Prescription};
+use super::prescription::{Clip, FieldKind, Form, Medium, Object, Prescription, Surface};
 use super::pupil::Beam;
 use super::real_height;
-use super::trace::{Shape, TrainSurface};
+use super::trace::TrainSurface;
 use super::train::Train;
 use super::vergence;
 use camrig_base::{Error, Result};
@@ -48,7 +47,7 @@ impl System {
         let paraxial = paraxial_of(p, &surfaces)?;
         vergence::set_vergences(&mut surfaces, p.object)?;
         if !p.telecentric {
-            surfaces[p.stop].clips.push(Clip::circle(self.stop_radius_mm));
+            surfaces[p.stop].prescribed.clips.push(Clip::circle(self.stop_radius_mm));
         }
         Ok(Train {
             nm,
@@ -217,40 +216,13 @@ pub(super) fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<Tr
             }
             Medium::Mirror => before,
         };
-        let mirror = s.medium == Medium::Mirror;
         forward &= s.entry.is_none();
-        train.push(TrainSurface {
-            curvature: s.curvature,
-            conic: s.conic,
-            even: trimmed(&s.even),
-            odd: trimmed(&s.odd),
-            thickness: s.thickness,
-            before,
-            after,
-            mirror,
-            forward,
-            clips: s.clips.clone(),
-            shape: shape(&s.form),
-            entry: s.entry,
-            exit: s.exit,
-        });
+        let prescribed = Surface { even: trimmed(&s.even), odd: trimmed(&s.odd), ..s.clone() };
+        train.push(TrainSurface { prescribed, before, after, forward, vergence: 0.0 });
         before = after;
-        forward &= s.exit.is_none() && !mirror;
+        forward &= s.exit.is_none() && s.medium != Medium::Mirror;
     }
     Ok(train)
-}
-
-fn shape(form: &Form) -> Shape {
-    match form {
-        Form::Plain => Shape::Plain,
-        Form::Forbes(forbes) => Shape::Forbes(forbes.clone()),
-        Form::Biconic { curvature, conic } => {
-            Shape::Biconic { curvature: *curvature, conic: *conic }
-        }
-        Form::Toroid { curvature } => Shape::Toroid { curvature: *curvature },
-        Form::Ideal { focal_mm } => Shape::Ideal(Ideal { power: 1.0 / focal_mm, vergence: 0.0 }),
-        Form::Break => Shape::Break,
-    }
 }
 
 /// Coefficients without the zeros at the end.

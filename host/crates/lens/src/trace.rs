@@ -3,76 +3,31 @@
 //! Rays are straight lines between surfaces, bent by the vector form of Snell's law n'(d'×s) =
 //! n(d×s) (Welford, Aberrations of Optical Systems, 1986, ch. 4). Sag of a surface, with s = r²:
 //! c·s/(1 + √(1 − (1+k)c²s)) + Σ aᵢ·r^(2i) + Σ bᵢ·r^(2i−1). The conic is met in closed form,
-//! polynomial terms and other shapes ([`Shape`]) by Newton's iteration from there. A ray that
+//! polynomial terms and other shapes ([`Form`]) by Newton's iteration from there. A ray that
 //! misses a surface or is totally reflected becomes NaN and stays NaN; without branches, N rays run
 //! as vector lanes. Only IEEE basic operations and square roots are used, without contraction: the
 //! same bits on every machine.
 
-use super::forbes::Forbes;
 use super::ideal::Ideal;
-use super::prescription::{Clip, Pose};
+use super::prescription::{Form, Medium, Surface};
 pub use super::rays::{Rays, Start};
 use camrig_vector::vectorised;
 
 /// A surface ready to trace at one wavelength, in its own vertex coordinates.
 #[derive(Clone, Debug)]
 pub struct TrainSurface {
-    /// Vertex curvature, 1/mm.
-    pub curvature: f64,
-    /// Conic constant.
-    pub conic: f64,
-    /// Coefficients of r², r⁴, ...
-    pub even: Vec<f64>,
-    /// Coefficients of r, r³, ...
-    pub odd: Vec<f64>,
-    /// Distance to the next surface or the image, mm.
-    pub thickness: f64,
+    /// Its shape, place and apertures, the stop's own among them; no polynomial ends with zeros.
+    pub prescribed: Surface,
     /// Index in front of it.
     pub before: f64,
     /// Index behind it; a mirror has the same on both sides.
     pub after: f64,
-    /// Whether it reflects.
-    pub mirror: bool,
     /// Whether light comes from the side of −z, with no mirror, tilt or decentre in front: a ray
     /// then meets the surface where it comes through from there, even one from more than 90° off
     /// the axis. Otherwise its direction tells.
     pub forward: bool,
-    /// Openings light must pass, the stop's own among them.
-    pub clips: Vec<Clip>,
-    /// What it is beyond conic and polynomials.
-    pub shape: Shape,
-    /// Its own coordinates in those that the thickness in front leads to, where it is tilted or
-    /// decentred.
-    pub entry: Option<Pose>,
-    /// The coordinates behind it, in which its thickness is measured, in its own.
-    pub exit: Option<Pose>,
-}
-
-/// What a surface is beyond conic and polynomials.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum Shape {
-    /// Nothing: it is a conic with polynomials.
-    Plain,
-    /// A Forbes asphere; conic and departure.
-    Forbes(Forbes),
-    /// A biconic: curvature and conic constant are those in y, these those in x.
-    Biconic {
-        /// Curvature in x, 1/mm.
-        curvature: f64,
-        /// Conic constant in x.
-        conic: f64,
-    },
-    /// A toroid: conic and even polynomial are a curve in y, turned about an axis parallel to y at
-    /// 1/curvature behind the vertex.
-    Toroid {
-        /// Curvature in x, 1/mm; 0 makes it a cylinder.
-        curvature: f64,
-    },
-    /// An ideal thin lens.
-    Ideal(Ideal),
-    /// No surface: coordinates change here, light does not meet it.
-    Break,
+    /// Of an ideal lens: 1/(distance of the object in front of it), 1/mm ([`Ideal::vergence`]).
+    pub vergence: f64,
 }
 
 impl TrainSurface {
@@ -80,12 +35,12 @@ impl TrainSurface {
     /// vertex).
     #[inline(always)]
     pub fn meet<const N: usize>(&self, rays: &mut Rays<N>) {
-        if let Some(entry) = &self.entry {
+        if let Some(entry) = &self.prescribed.entry {
             rays.enter(entry);
         }
-        match &self.shape {
-            Shape::Break => {}
-            Shape::Biconic { .. } | Shape::Toroid { .. } => {
+        match &self.prescribed.form {
+            Form::Break => {}
+            Form::Biconic { .. } | Form::Toroid { .. } => {
                 let mut length = self.meet_conic(rays, true);
                 self.refine(rays, &mut length, |place, [dx, dy]| {
                     let (sag, [gx, gy]) = self.sag_xy(place);
@@ -93,9 +48,9 @@ impl TrainSurface {
                 });
                 self.end_meeting(rays, &length);
             }
-            Shape::Plain | Shape::Forbes(_) | Shape::Ideal(_) => {
-                let plain = self.even.is_empty() && self.odd.is_empty();
-                let polynomial = !plain || matches!(self.shape, Shape::Forbes(_));
+            Form::Plain | Form::Forbes(_) | Form::Ideal { .. } => {
+                let plain = self.prescribed.even.is_empty() && self.prescribed.odd.is_empty();
+                let polynomial = !plain || matches!(self.prescribed.form, Form::Forbes(_));
                 let mut length = self.meet_conic(rays, polynomial);
                 if polynomial {
                     self.refine(rays, &mut length, |[x, y], [dx, dy]| {
@@ -114,7 +69,7 @@ impl TrainSurface {
     #[allow(clippy::needless_range_loop)]
     #[inline(always)]
     fn meet_conic<const N: usize>(&self, rays: &mut Rays<N>, or_plane: bool) -> [f64; N] {
-        let (c, k) = (self.curvature, self.conic);
+        let (c, k) = (self.prescribed.curvature, self.prescribed.conic);
         let [px, py, pz] = &mut rays.position;
         let [dx, dy, dz] = &rays.direction;
         let mut length = [0.0; N];
@@ -151,7 +106,7 @@ impl TrainSurface {
         for i in 0..N {
             rays.path[i] += self.before * length[i];
         }
-        for clip in &self.clips {
+        for clip in &self.prescribed.clips {
             for i in 0..N {
                 let excess = clip.excess(rays.position[0][i], rays.position[1][i]);
                 rays.excess[i] = if excess > rays.excess[i] { excess } else { rays.excess[i] };
@@ -201,16 +156,16 @@ impl TrainSurface {
     #[inline(always)]
     #[must_use]
     pub fn sag_xy(&self, [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
-        match self.shape {
-            Shape::Biconic { curvature, conic } => {
-                let (cx, cy) = (curvature, self.curvature);
-                let (ex, ey) = ((1.0 + conic) * cx * cx, (1.0 + self.conic) * cy * cy);
+        match self.prescribed.form {
+            Form::Biconic { curvature, conic } => {
+                let (cx, cy) = (curvature, self.prescribed.curvature);
+                let (ex, ey) = ((1.0 + conic) * cx * cx, (1.0 + self.prescribed.conic) * cy * cy);
                 let root = (1.0 - ex * x * x - ey * y * y).sqrt();
                 let sag = (cx * x * x + cy * y * y) / (1.0 + root);
                 let along = |c: f64, e: f64, v: f64| (2.0 * c + sag * e / root) * v / (1.0 + root);
                 (sag, [along(cx, ex, x), along(cy, ey, y)])
             }
-            Shape::Toroid { curvature } => {
+            Form::Toroid { curvature } => {
                 let (curve, gradient) = self.sag(y * y);
                 let q = 1.0 - curvature * curve;
                 let root = (q * q - curvature * curvature * x * x).sqrt();
@@ -224,26 +179,25 @@ impl TrainSurface {
         }
     }
 
-    /// Its ideal lens, if it is one.
-    pub(super) fn ideal_mut(&mut self) -> Option<&mut Ideal> {
-        match &mut self.shape {
-            Shape::Ideal(ideal) => Some(ideal),
-            _ => None,
-        }
+    /// Whether it reflects.
+    #[inline(always)]
+    pub(super) fn is_mirror(&self) -> bool {
+        matches!(self.prescribed.medium, Medium::Mirror)
     }
 
     /// Paraxial power in x and y, 1/mm, between media of these signed indices.
     pub(super) fn power(&self, before: f64, after: f64) -> [f64; 2] {
-        let curvature = self.curvature + 2.0 * self.even.first().copied().unwrap_or(0.0);
+        let curvature =
+            self.prescribed.curvature + 2.0 * self.prescribed.even.first().copied().unwrap_or(0.0);
         let bend = |c: f64| (after - before) * c;
-        match &self.shape {
-            Shape::Plain => [bend(curvature); 2],
-            Shape::Forbes(forbes) => [bend(curvature + forbes.vertex_curvature()); 2],
-            Shape::Biconic { curvature: x, .. } | Shape::Toroid { curvature: x } => {
+        match &self.prescribed.form {
+            Form::Plain => [bend(curvature); 2],
+            Form::Forbes(forbes) => [bend(curvature + forbes.vertex_curvature()); 2],
+            Form::Biconic { curvature: x, .. } | Form::Toroid { curvature: x } => {
                 [bend(*x), bend(curvature)]
             }
-            Shape::Ideal(ideal) => [ideal.power; 2],
-            Shape::Break => [0.0; 2],
+            Form::Ideal { focal_mm } => [1.0 / focal_mm; 2],
+            Form::Break => [0.0; 2],
         }
     }
 
@@ -251,20 +205,20 @@ impl TrainSurface {
     #[inline(always)]
     #[must_use]
     pub fn sag(&self, s: f64) -> (f64, f64) {
-        let c = self.curvature;
-        let root = (1.0 - (1.0 + self.conic) * c * c * s).sqrt();
+        let c = self.prescribed.curvature;
+        let root = (1.0 - (1.0 + self.prescribed.conic) * c * c * s).sqrt();
         let (mut sag, mut gradient) = (c * s / (1.0 + root), c / root);
         let (mut value, mut slope) = (0.0, 0.0);
-        for a in self.even.iter().rev() {
+        for a in self.prescribed.even.iter().rev() {
             slope = slope * s + value;
             value = value * s + a;
         }
         // Σ aᵢsⁱ = s·value, its derivative value + s·slope; d/dr² doubles in d/dx = 2x·d/ds.
         sag += s * value;
         gradient += 2.0 * (value + s * slope);
-        if !self.odd.is_empty() {
+        if !self.prescribed.odd.is_empty() {
             let (mut value, mut slope) = (0.0, 0.0);
-            for b in self.odd.iter().rev() {
+            for b in self.prescribed.odd.iter().rev() {
                 slope = slope * s + value;
                 value = value * s + b;
             }
@@ -273,8 +227,8 @@ impl TrainSurface {
             sag += r * value;
             gradient += value / r.max(1e-12) + 2.0 * r * slope;
         }
-        if let Shape::Forbes(forbes) = &self.shape {
-            let (departure, slope) = forbes.departure(s, c, self.conic);
+        if let Form::Forbes(forbes) = &self.prescribed.form {
+            let (departure, slope) = forbes.departure(s, c, self.prescribed.conic);
             sag += departure;
             gradient += 2.0 * slope;
         }
@@ -285,22 +239,24 @@ impl TrainSurface {
     /// vertex of the next surface.
     #[inline(always)]
     pub fn bend<const N: usize>(&self, rays: &mut Rays<N>) {
-        match &self.shape {
-            Shape::Break => {}
-            Shape::Ideal(ideal) => ideal.bend(rays),
-            Shape::Biconic { .. } | Shape::Toroid { .. } => {
+        match &self.prescribed.form {
+            Form::Break => {}
+            Form::Ideal { focal_mm } => {
+                Ideal { power: 1.0 / focal_mm, vergence: self.vergence }.bend(rays);
+            }
+            Form::Biconic { .. } | Form::Toroid { .. } => {
                 self.deflect(rays, |place| self.sag_xy(place).1);
             }
-            Shape::Plain | Shape::Forbes(_) => self.deflect(rays, |[x, y]| {
+            Form::Plain | Form::Forbes(_) => self.deflect(rays, |[x, y]| {
                 let (_, gradient) = self.sag(x * x + y * y);
                 [gradient * x, gradient * y]
             }),
         }
-        if let Some(exit) = &self.exit {
+        if let Some(exit) = &self.prescribed.exit {
             rays.enter(exit);
         }
         for z in &mut rays.position[2] {
-            *z -= self.thickness;
+            *z -= self.prescribed.thickness;
         }
     }
 
@@ -319,7 +275,7 @@ impl TrainSurface {
             let normal = [nx * scale, ny * scale, scale];
             let [dx, dy, dz] = [0, 1, 2].map(|axis| rays.direction[axis][i]);
             let cosine = dx * normal[0] + dy * normal[1] + dz * normal[2];
-            let (keep, along) = if self.mirror {
+            let (keep, along) = if self.is_mirror() {
                 (1.0, -2.0 * cosine)
             } else {
                 let after = (1.0 - ratio * ratio * (1.0 - cosine * cosine)).sqrt();
@@ -394,19 +350,11 @@ mod tests {
 
     fn surface(curvature: f64, conic: f64, before: f64, after: f64) -> TrainSurface {
         TrainSurface {
-            curvature,
-            conic,
-            even: Vec::new(),
-            odd: Vec::new(),
-            thickness: 0.0,
+            prescribed: Surface { curvature, conic, ..Surface::plane(0.0) },
             before,
             after,
-            mirror: false,
             forward: true,
-            clips: Vec::new(),
-            shape: Shape::Plain,
-            entry: None,
-            exit: None,
+            vergence: 0.0,
         }
     }
 
@@ -423,9 +371,10 @@ mod tests {
         let (r, n) = (10.0, 1.5);
         let focus = r * n / (n - 1.0);
         let mut lens = surface(1.0 / r, -1.0 / (n * n), 1.0, n);
-        lens.thickness = focus;
+        lens.prescribed.thickness = focus;
         let mut mirror = surface(-1.0 / r, -1.0, 1.0, 1.0);
-        (mirror.mirror, mirror.thickness) = (true, -r / 2.0);
+        mirror.prescribed.medium = Medium::Mirror;
+        mirror.prescribed.thickness = -r / 2.0;
         for (surface, path) in [(lens, n * focus + 1.0), (mirror, 1.0 + r / 2.0)] {
             for height in [0.0, 1.0, 3.0, 4.5] {
                 let mut ray = ray([0.6 * height, 0.8 * height, -1.0], [0.0, 0.0, 1.0]);
@@ -443,12 +392,12 @@ mod tests {
     fn polynomials_agree_with_the_conic_they_equal() {
         let conic = surface(0.05, -1.0, 1.0, 1.6);
         let mut series = surface(0.0, 0.0, 1.0, 1.6);
-        series.even = vec![0.025];
+        series.prescribed.even = vec![0.025];
         let mut doubled = surface(0.0, 0.0, 1.0, 1.6);
-        doubled.even = vec![0.0];
-        doubled.odd = vec![0.0, 1e-3];
+        doubled.prescribed.even = vec![0.0];
+        doubled.prescribed.odd = vec![0.0, 1e-3];
         let mut negated = doubled.clone();
-        negated.odd[1] = -1e-3;
+        negated.prescribed.odd[1] = -1e-3;
         let start = ray([1.0, 2.0, -3.0], [0.1, -0.2, (1.0f64 - 0.05).sqrt()]);
         let end = |s: &TrainSurface| {
             let mut ray = start.clone();
@@ -473,10 +422,11 @@ mod tests {
         // Half axes 9, 7 and 5: Rx = 81/5, kx = 81/25 − 1.
         let (a, b, c) = (9.0, 7.0, 5.0);
         let mut ellipsoid = surface(c / (b * b), b * b / (c * c) - 1.0, 1.0, 1.5);
-        ellipsoid.shape = Shape::Biconic { curvature: c / (a * a), conic: a * a / (c * c) - 1.0 };
+        ellipsoid.prescribed.form =
+            Form::Biconic { curvature: c / (a * a), conic: a * a / (c * c) - 1.0 };
         // A circle of radius 4 in y, turned at the distance 20.
         let mut torus = surface(0.25, 0.0, 1.0, 1.5);
-        torus.shape = Shape::Toroid { curvature: 0.05 };
+        torus.prescribed.form = Form::Toroid { curvature: 0.05 };
         let (of_ellipsoid, of_torus) = (
             |[x, y, z]: [f64; 3]| {
                 let dz = z - c;
@@ -526,8 +476,8 @@ mod tests {
             x in -5.0..5.0, y in -5.0..5.0, l in -0.4..0.4, m in -0.4..0.4, after in 1.0..2.0,
         ) {
             let mut s = surface(c, k, 1.0, after);
-            s.even = vec![0.0, a4];
-            s.odd = vec![0.0, b3];
+            s.prescribed.even = vec![0.0, a4];
+            s.prescribed.odd = vec![0.0, b3];
             let n = f64::sqrt(1.0 - l * l - m * m);
             let mut one = ray([x, y, -2.0], [l, m, n]);
             s.meet(&mut one);

@@ -23,7 +23,7 @@ pub struct Train {
     pub entrance_z_mm: f64,
     /// Diameter of that pupil, mm.
     pub entrance_pupil_mm: f64,
-    /// Whether the pupil is at infinity; what stands for it: [`Paraxial::telecentric`].
+    /// Whether the pupil is at infinity; what replaces it: [`Paraxial::telecentric`].
     pub telecentric: bool,
     /// Radius of the cone from the object in the plane that rays are aimed at, mm, where it stands
     /// for the stop ([`super::Prescription::telecentric`]).

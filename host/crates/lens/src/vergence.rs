@@ -1,6 +1,6 @@
 //! Where the object is for each ideal lens of a train.
 
-use super::prescription::Object;
+use super::prescription::{Form, Object};
 use super::trace::TrainSurface;
 use camrig_base::{Error, Result};
 
@@ -15,21 +15,22 @@ pub(super) fn set_vergences(surfaces: &mut [TrainSurface], object: Object) -> Re
     };
     let mut sign = 1.0;
     for (i, surface) in surfaces.iter_mut().enumerate() {
-        if let Some(ideal) = surface.ideal_mut() {
-            ideal.vergence = slope / height;
-            if !(ideal.vergence.is_finite() && (ideal.vergence / ideal.power).abs() < IN_IMAGE) {
+        if let Form::Ideal { focal_mm } = surface.prescribed.form {
+            surface.vergence = slope / height;
+            let vergence = surface.vergence;
+            if !(vergence.is_finite() && (vergence * focal_mm).abs() < IN_IMAGE) {
                 return Err(Error::unsupported("a paraxial surface lies in an image")
                     .at(format!("surface {}", i + 1))
                     .help("the optical path through it is not defined there; leave it out"));
             }
         }
         let before = sign * surface.before;
-        if surface.mirror {
+        if surface.is_mirror() {
             sign = -sign;
         }
         let after = sign * surface.after;
         slope -= height * surface.power(before, after)[1];
-        height += slope * surface.thickness / after;
+        height += slope * surface.prescribed.thickness / after;
     }
     Ok(())
 }

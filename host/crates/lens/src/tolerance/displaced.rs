@@ -48,7 +48,10 @@ pub(super) fn displaced(
     pairs
         .map(|(surface, displacement)| {
             let entry = displacement.frame();
-            TrainSurface { entry, exit: entry.map(|frame| frame.inverse()), ..surface.clone() }
+            let mut surface = surface.clone();
+            surface.prescribed.entry = entry;
+            surface.prescribed.exit = entry.map(|frame| frame.inverse());
+            surface
         })
         .collect()
 }
@@ -56,23 +59,16 @@ pub(super) fn displaced(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::{LANES, Rays, Shape, trace_lanes};
+    use crate::prescription::Surface;
+    use crate::trace::{LANES, Rays, trace_lanes};
 
     fn sphere(radius: f64) -> TrainSurface {
         TrainSurface {
-            curvature: 1.0 / radius,
-            conic: 0.0,
-            even: Vec::new(),
-            odd: Vec::new(),
-            thickness: 25.0,
+            prescribed: Surface { curvature: 1.0 / radius, ..Surface::plane(25.0) },
             before: 1.0,
             after: 1.5,
-            mirror: false,
             forward: true,
-            clips: Vec::new(),
-            shape: Shape::Plain,
-            entry: None,
-            exit: None,
+            vergence: 0.0,
         }
     }
 

@@ -170,7 +170,7 @@ pub fn report(
     })
 }
 
-/// The prescription and the frequencies at which departing lenses are looked at.
+/// The prescription and the frequencies at which departing lenses are examined.
 struct Study<'a> {
     system: &'a System,
     plan: &'a Plan,
