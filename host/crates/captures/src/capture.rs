@@ -1,11 +1,12 @@
 //! A capture: one stack of frames, with the conditions under which it was taken.
 
+use camrig_base::alternatives::Alternatives;
+use schemars::JsonSchema;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::path::PathBuf;
 
 /// The purpose of a capture.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Role {
@@ -26,9 +27,7 @@ pub enum Role {
 }
 
 /// Whether a capture is used for fitting or for validation.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Split {
@@ -38,34 +37,58 @@ pub enum Split {
     Holdout,
 }
 
-/// A stack of repeated frames under the same conditions.
-#[derive(Clone, Debug, PartialEq)]
+/// One stack of frames under the same conditions.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Capture {
     /// Unique name within the set.
     pub id: String,
     /// Its purpose.
     pub role: Role,
-    /// The frames' files in order of time.
+    /// The frames' files: a name, or a pattern with `*`, in order of time by name; or a list of
+    /// these, in order of time.
+    #[serde(with = "one_or_several")]
+    #[schemars(with = "Alternatives<String>")]
     pub files: Vec<PathBuf>,
-    /// Fit or hold-out; `None` where the manifest does not assign it.
+    /// Fit or hold-out; if omitted, the program divides the set, with a note.
     pub split: Option<Split>,
-    /// Exposure time, s; 0 of bias frames (role `dark`).
+    /// Exposure time, s; 0 for bias frames (role `dark`).
     pub exposure_s: f64,
-    /// Analog gain.
+    /// Gain before the converter.
+    #[serde(default = "unity")]
     pub analog_gain: f64,
-    /// Sensor temperature, °C.
+    /// Temperature of the sensor, °C; if omitted, that of the camera file.
     pub temperature_c: Option<f64>,
     /// Requested exposure time, s, where it differs from the actual one.
     pub exposure_requested_s: Option<f64>,
-    /// Id of the capture of which a frame was taken right before each frame of this one (image
-    /// lag).
+    /// Id of the capture right before it, where image lag may matter.
     pub preceded_by: Option<String>,
-    /// The light; `None` in the dark.
+    /// Light on the sensor or on the scene.
     pub light: Option<Light>,
-    /// The scene in front of the camera.
+    /// The scene of an edge, chart, dots or scene capture.
     pub scene: Option<CapturedScene>,
-    /// Orientation of the sensor (role `rotation`).
+    /// Orientation of the sensor; with role `rotation`.
     pub rotation: Option<Rotation>,
+}
+
+fn unity() -> f64 {
+    1.0
+}
+
+/// Files in a manifest: one name, or a list.
+mod one_or_several {
+    use super::{Alternatives, Deserialize, Deserializer, PathBuf, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(files: &[PathBuf], to: S) -> Result<S::Ok, S::Error> {
+        match files {
+            [one] => one.serialize(to),
+            several => several.serialize(to),
+        }
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<PathBuf>, D::Error> {
+        Ok(Alternatives::deserialize(from)?.as_slice().to_vec())
+    }
 }
 
 impl Capture {
@@ -90,9 +113,7 @@ impl Capture {
 }
 
 /// The light of a capture. Fields are those of the manifest; none is derived.
-#[derive(
-    Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
     /// Sensor-plane irradiance, W m⁻², at `wavelength_nm`.
@@ -116,17 +137,7 @@ pub struct Light {
 }
 
 /// Evenness of the light over the sensor.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    serde::Deserialize,
-    serde::Serialize,
-    schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Uniformity {
@@ -138,9 +149,7 @@ pub enum Uniformity {
 }
 
 /// The scene of an edge, chart, dots or scene capture.
-#[derive(
-    Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CapturedScene {
     /// The scene, as specified on the command line.
@@ -170,9 +179,7 @@ impl CapturedScene {
 /// `x` and `y` are -1..1 over the sensor's half width and half height; the light comes from the
 /// direction of the chief ray of that point: `tilt_x_deg` from the side of +x, `tilt_y_deg` from
 /// the side of +y, both direction angles (tan components of one direction).
-#[derive(
-    Clone, Copy, Debug, PartialEq, serde::Deserialize, serde::Serialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rotation {
     /// Point read, -1..1 over the half width.
@@ -192,17 +199,7 @@ pub struct Rotation {
 }
 
 /// A scan of the crosstalk experiment.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    serde::Deserialize,
-    serde::Serialize,
-    schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scan {
     /// The rectangular grid of points, which becomes the table.

@@ -3,8 +3,8 @@
 use super::{Capture, SensorFacts};
 use bytemuck::cast_slice_mut;
 use camrig_base::platform::read_at;
-use camrig_base::{Error, Plane, Result};
-use camrig_formats::npy::{Layout, Sample};
+use camrig_base::{Error, Plane, Result, Sample};
+use camrig_formats::npy::Layout;
 use camrig_formats::{Facts, Format, read};
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -35,7 +35,7 @@ pub struct StoredFrame {
 
 enum Samples {
     Memory(Vec<u16>),
-    File { file: Arc<File>, offset: u64, sample: Sample },
+    File { file: Arc<File>, offset: u64, sample: Sample, big_endian: bool },
 }
 
 impl StoredFrame {
@@ -56,14 +56,16 @@ impl StoredFrame {
 
     /// Fills `out` from sample `start` of the stored frame on.
     fn read_samples(&self, start: usize, out: &mut [u16]) -> Result<()> {
-        let (file, offset, sample) = match &self.samples {
+        let (file, offset, sample, big_endian) = match &self.samples {
             Samples::Memory(data) => {
                 out.copy_from_slice(&data[start..start + out.len()]);
                 return Ok(());
             }
-            Samples::File { file, offset, sample } => (file, *offset, *sample),
+            Samples::File { file, offset, sample, big_endian } => {
+                (file, *offset, *sample, *big_endian)
+            }
         };
-        let offset = offset + (start * sample.size()) as u64;
+        let offset = offset + (start * sample.bytes()) as u64;
         let failed = |e| Error::io("read", &self.path, e);
         if sample == Sample::U8 {
             let mut bytes = vec![0; out.len()];
@@ -71,8 +73,7 @@ impl StoredFrame {
             out.iter_mut().zip(bytes).for_each(|(dn, b)| *dn = b.into());
         } else {
             read_at(file, cast_slice_mut(out), offset).map_err(failed)?;
-            let foreign = (sample == Sample::U16Big) == cfg!(target_endian = "little");
-            if foreign {
+            if big_endian == cfg!(target_endian = "little") {
                 out.iter_mut().for_each(|dn| *dn = dn.swap_bytes());
             }
         }
@@ -144,19 +145,24 @@ fn uncompressed(path: &Path, shared: &Arc<Path>) -> Result<Option<(Vec<StoredFra
     file.rewind().map_err(failed)?;
     let length = file.metadata().map_err(failed)?.len();
     let layout = Layout::read(&mut BufReader::new(&file), length)?;
-    let Layout { count, height, width, sample, .. } = layout;
-    if layout.fortran || matches!(sample, Sample::Wide { .. }) {
+    let Layout { count, height, width, sample, big_endian, offset, .. } = layout;
+    if layout.fortran || !matches!(sample, Sample::U8 | Sample::U16) {
         return Ok(None);
     }
     let file = Arc::new(file);
-    let bytes = (width * height * sample.size()) as u64;
+    let bytes = (width * height * sample.bytes()) as u64;
     let frame = |n| StoredFrame {
         width,
         height,
         stride: width,
         origin: [0; 2],
         path: shared.clone(),
-        samples: Samples::File { file: file.clone(), offset: layout.offset + n * bytes, sample },
+        samples: Samples::File {
+            file: file.clone(),
+            offset: offset + n * bytes,
+            sample,
+            big_endian,
+        },
     };
     let bits = (sample == Sample::U8).then_some(8);
     let facts = Facts { bits, ..Facts::default() };

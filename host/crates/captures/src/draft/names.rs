@@ -1,6 +1,7 @@
 //! Role and exposure from the names of files and folders.
 
 use crate::Role;
+use camrig_base::unit::Unit;
 use std::path::Path;
 
 /// Words in names and in FITS's IMAGETYP, with the role that they mean. If a name has several, the
@@ -25,9 +26,6 @@ const WORDS: [(&str, Role); 16] = [
 ];
 /// Words that mean zero exposure.
 const BIAS: [&str; 3] = ["bias", "biases", "zero"];
-/// Units of durations in names, in seconds.
-const UNITS: [(&str, f64); 4] = [("us", 1e-6), ("ms", 1e-3), ("sec", 1.0), ("s", 1.0)];
-
 /// The words of a text: runs of letters, in lower case.
 fn words(text: &str) -> Vec<String> {
     let split = text.split(|c: char| !c.is_alphabetic()).filter(|word| !word.is_empty());
@@ -91,9 +89,9 @@ fn durations(text: &str) -> Vec<f64> {
         let digits = rest[start..].find(|c| !number(c)).unwrap_or(rest.len() - start);
         let (value, after) = rest[start..].split_at(digits);
         let unit = after.find(|c: char| !c.is_alphabetic()).unwrap_or(after.len());
-        let unit = UNITS.iter().find(|(name, _)| after[..unit].eq_ignore_ascii_case(name));
-        if let (Ok(value), Some((_, seconds))) = (value.parse::<f64>(), unit)
-            && (separate || *seconds < 1.0)
+        let seconds = Unit::parse(&after[..unit].to_lowercase()).ok().and_then(|u| u.seconds());
+        if let (Ok(value), Some(seconds)) = (value.parse::<f64>(), seconds)
+            && (separate || seconds < 1.0)
         {
             found.push(value * seconds);
         }

@@ -1,6 +1,6 @@
 //! Checks the values of a manifest.
 
-use super::{Entry, File, Sensor, paths};
+use super::{File, Sensor, paths};
 use crate::{Capture, CaptureSet, Light, Role, SensorFacts};
 use camrig_base::{Cfa, Error, Result, mistakes, toml_text};
 use std::path::{Path, PathBuf};
@@ -86,7 +86,7 @@ fn check_sensor(s: Sensor) -> Result<SensorFacts> {
     })
 }
 
-fn check_entry(mut e: Entry, root: &Path) -> Result<Capture> {
+fn check_entry(mut e: Capture, root: &Path) -> Result<Capture> {
     // Only bias frames, without light and dark current, have no exposure.
     if !(e.role == Role::Dark && e.exposure_s == 0.0) {
         positive("exposure_s", e.exposure_s)?;
@@ -119,20 +119,7 @@ fn check_entry(mut e: Entry, root: &Path) -> Result<Capture> {
         }
     }
     paths::resolve(root, &mut e.light, &mut e.scene);
-    Ok(Capture {
-        files: paths::expand_all(root, &e.files.0)?,
-        id: e.id,
-        role: e.role,
-        split: e.split,
-        exposure_s: e.exposure_s,
-        analog_gain: e.analog_gain,
-        temperature_c: e.temperature_c,
-        exposure_requested_s: e.exposure_requested_s,
-        preceded_by: e.preceded_by,
-        light: e.light,
-        scene: e.scene,
-        rotation: e.rotation,
-    })
+    Ok(Capture { files: paths::expand_all(root, &e.files)?, ..e })
 }
 
 fn check_light(light: &Light, role: Role) -> Result<()> {

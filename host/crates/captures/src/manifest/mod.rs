@@ -4,11 +4,10 @@ mod check;
 mod paths;
 mod write;
 
-use super::{CaptureSet, CapturedScene, Light, Role, Rotation, Split};
+use super::{Capture, CaptureSet};
 use camrig_base::{Error, Result, mistakes, toml_text};
-use schemars::{Schema, SchemaGenerator, json_schema, schema_for};
-use serde::Deserialize;
-use std::fmt;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -21,7 +20,7 @@ pub const UNKNOWN: &str = "?";
 
 /// A capture set: the sensor that took its frames, and under which conditions. Paths are relative
 /// to the file.
-#[derive(Deserialize, schemars::JsonSchema)]
+#[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct File {
     /// `"captures/1"`.
@@ -31,18 +30,17 @@ struct File {
     /// The origin of the frames: free text under any keys; not interpreted.
     #[serde(default)]
     #[schemars(schema_with = "free_table")]
-    #[allow(dead_code, reason = "free text for people; accepted, not interpreted")]
     source: toml::Table,
     /// The sensor's frames.
     sensor: Sensor,
     /// The captures, in order of time.
     #[serde(default)]
-    #[schemars(with = "Vec<Entry>")]
-    capture: Vec<toml::Spanned<Entry>>,
+    #[schemars(with = "Vec<Capture>")]
+    capture: Vec<Spanned<Capture>>,
 }
 
 /// The frames of a sensor.
-#[derive(Deserialize, schemars::JsonSchema)]
+#[derive(Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Sensor {
     /// Pixels in a row.
@@ -61,77 +59,6 @@ struct Sensor {
     pitch_um: Option<f64>,
 }
 
-/// One stack of frames under the same conditions.
-#[derive(Deserialize, schemars::JsonSchema)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    /// Unique name within the set.
-    id: String,
-    /// Its purpose.
-    role: Role,
-    /// The frames' files: a name, or a pattern with `*`, in order of time by name; or a list of
-    /// these, in order of time.
-    #[schemars(schema_with = "names")]
-    files: Names,
-    /// Fit or hold-out; if omitted, the program divides the set, with a note.
-    split: Option<Split>,
-    /// Exposure time, s; 0 for bias frames (role `dark`).
-    exposure_s: f64,
-    /// Gain before the converter.
-    #[serde(default = "one")]
-    analog_gain: f64,
-    /// Temperature of the sensor, °C; if omitted, that of the camera file.
-    temperature_c: Option<f64>,
-    /// Requested exposure time, s, where it differs from the actual one.
-    exposure_requested_s: Option<f64>,
-    /// Id of the capture right before it, where image lag may matter.
-    preceded_by: Option<String>,
-    /// Light on the sensor or on the scene.
-    light: Option<Light>,
-    /// The scene of an edge, chart, dots or scene capture.
-    scene: Option<CapturedScene>,
-    /// Orientation of the sensor; with role `rotation`.
-    rotation: Option<Rotation>,
-}
-
-/// One name or pattern, or several.
-struct Names(Vec<String>);
-
-impl<'de> Deserialize<'de> for Names {
-    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        struct Visit;
-        impl<'de> serde::de::Visitor<'de> for Visit {
-            type Value = Names;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a file name, a pattern, or a list of these")
-            }
-
-            fn visit_str<E>(self, name: &str) -> Result<Names, E> {
-                Ok(Names(vec![name.to_string()]))
-            }
-
-            fn visit_seq<A: serde::de::SeqAccess<'de>>(
-                self,
-                mut list: A,
-            ) -> Result<Names, A::Error> {
-                let mut names = Vec::new();
-                while let Some(name) = list.next_element()? {
-                    names.push(name);
-                }
-                Ok(Names(names))
-            }
-        }
-        from.deserialize_any(Visit)
-    }
-}
-
-fn names(_: &mut SchemaGenerator) -> Schema {
-    json_schema!({
-        "anyOf": [{ "type": "string" }, { "type": "array", "items": { "type": "string" } }]
-    })
-}
-
 fn free_table(_: &mut SchemaGenerator) -> Schema {
     json_schema!({ "type": "object" })
 }
@@ -139,10 +66,6 @@ fn free_table(_: &mut SchemaGenerator) -> Schema {
 /// The JSON schema of `captures.toml`.
 pub fn schema() -> Schema {
     schema_for!(File)
-}
-
-fn one() -> f64 {
-    1.0
 }
 
 /// Parses and checks the text of the manifest at `file`.

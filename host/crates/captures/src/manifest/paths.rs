@@ -23,7 +23,7 @@ pub fn resolve(folder: &Path, light: &mut Option<Light>, captured: &mut Option<C
 }
 
 /// The files that names and patterns below `root` match, in the order given.
-pub fn expand_all(root: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
+pub fn expand_all(root: &Path, names: &[PathBuf]) -> Result<Vec<PathBuf>> {
     if names.is_empty() {
         return Err(Error::input("no files").at("key \"files\"").help("name the frames' files"));
     }
@@ -40,7 +40,7 @@ pub fn expand_all(root: &Path, names: &[String]) -> Result<Vec<PathBuf>> {
 }
 
 /// The files below `root` that match `pattern`, sorted by name.
-fn expand(root: &Path, pattern: &str) -> Result<Vec<PathBuf>> {
+fn expand(root: &Path, pattern: &Path) -> Result<Vec<PathBuf>> {
     let base = glob::Pattern::escape(&root.to_string_lossy());
     let full = Path::new(&base).join(pattern);
     let wrong = |what: String| Error::input(what).at("key \"files\"");
