@@ -194,6 +194,7 @@ fn csi2_options(args: &Args, frames: &Frames) -> csi2::Options {
         } else {
             vec![]
         },
+        ..csi2::Options::default()
     }
 }
 

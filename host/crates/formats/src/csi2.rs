@@ -40,6 +40,9 @@ pub struct Options {
     pub line_packets: bool,
     /// Payloads of the embedded data lines of each frame; frames beyond the list have none.
     pub embedded: Vec<Vec<Vec<u8>>>,
+    /// Frame numbers, from whose gaps a receiver sees that a frame was lost; frames beyond the list
+    /// are numbered by their place, from 1.
+    pub numbers: Vec<u16>,
 }
 
 /// What a packet stream holds.
@@ -180,15 +183,6 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
 /// Bits per sample other than 8, 10, 12, 14 or 16; lines that are not whole groups of samples or
 /// exceed 65535 bytes, as CSI-2 demands; a virtual channel above 3; samples beyond the bits.
 pub fn encode_with(frames: &Frames, options: &Options) -> Result<Vec<u8>> {
-    encode_numbered(frames, options, &[])
-}
-
-/// Frames as packets with these frame numbers, so that a receiver sees from a gap that a frame was
-/// lost; frames beyond the list are numbered by their place, from 1.
-///
-/// # Errors
-/// Those of [`encode_with`].
-pub fn encode_numbered(frames: &Frames, options: &Options, numbers: &[u16]) -> Result<Vec<u8>> {
     let bits = frames.facts.bits.unwrap_or(16);
     let raw = RAW.iter().find(|(_, packing)| packing.bits() == bits);
     let &(image, packing) = raw.ok_or_else(|| {
@@ -213,7 +207,7 @@ pub fn encode_numbered(frames: &Frames, options: &Options, numbers: &[u16]) -> R
     for (index, plane) in frames.planes.iter().enumerate() {
         check_range(&plane.data, bits)?;
         let counted = (index % 65535 + 1) as u16;
-        let number = numbers.get(index).copied().unwrap_or(counted);
+        let number = options.numbers.get(index).copied().unwrap_or(counted);
         writer.short(data_type::FRAME_START, number);
         for payload in options.embedded.get(index).into_iter().flatten() {
             writer.long(data_type::EMBEDDED, payload)?;
@@ -452,6 +446,7 @@ mod tests {
             virtual_channel: 2,
             line_packets: true,
             embedded: vec![vec![line.clone()], vec![]],
+            ..Options::default()
         };
         let mut bytes = encode_with(&frames(), &options).unwrap();
         bytes[0] ^= 0x20;
@@ -464,7 +459,8 @@ mod tests {
     #[test]
     fn frame_numbers_come_back_as_given() {
         let numbered = |numbers: &[u16]| {
-            let bytes = encode_numbered(&frames(), &Options::default(), numbers).unwrap();
+            let options = Options { numbers: numbers.to_vec(), ..Options::default() };
+            let bytes = encode_with(&frames(), &options).unwrap();
             decode_stream(&bytes).unwrap().frame_numbers
         };
         assert_eq!(numbered(&[7, 9]), [7, 9]);

@@ -1,9 +1,8 @@
 //! gzip around other formats (`.fits.gz`) and inside them.
 
-use super::truncated;
-use camrig_base::{Error, Result};
-use flate2::read::MultiGzDecoder;
-use std::io::Read;
+use camrig_base::Result;
+#[cfg(feature = "gzip")]
+use {super::truncated, camrig_base::Error, flate2::read::MultiGzDecoder, std::io::Read};
 
 /// Largest file that is unpacked into memory, bytes: a chosen bound, a hundred frames of 10
 /// million pixels; gzip can make a thousand bytes of one.
@@ -17,7 +16,8 @@ pub(super) fn is_gzip(bytes: &[u8]) -> bool {
 /// The content of a gzip file, of `most` bytes or fewer.
 ///
 /// # Errors
-/// Damaged or truncated bytes, a larger content.
+/// Damaged or truncated bytes, a larger content; a build without gzip.
+#[cfg(feature = "gzip")]
 pub(super) fn inflate(bytes: &[u8], most: usize) -> Result<Vec<u8>> {
     let mut content = Vec::new();
     // One byte more shows that there are more.
@@ -33,4 +33,9 @@ pub(super) fn inflate(bytes: &[u8], most: usize) -> Result<Vec<u8>> {
         }
         Err(e) => Err(Error::input(format!("gzip: {e}")).help("the file is damaged")),
     }
+}
+
+#[cfg(not(feature = "gzip"))]
+pub(super) fn inflate(_: &[u8], _: usize) -> Result<Vec<u8>> {
+    Err(super::left_out("gzip"))
 }

@@ -20,7 +20,7 @@ pub(super) struct Tiff<'a> {
 /// One directory: its fields by tag number.
 pub(super) struct Ifd<'a> {
     fields: BTreeMap<u16, Field<'a>>,
-    /// Where the place of the next directory stands.
+    /// Position of the offset of the next directory.
     end: usize,
     /// Where the directory and all that its fields point at end.
     pub reach: usize,
@@ -79,7 +79,7 @@ impl<'a> Tiff<'a> {
             // The TIFF specification: skip unknown types.
             let Some(size) = size_of(kind) else { continue };
             let length = self.offset(at + 4)?.saturating_mul(size);
-            // What fits in place of an offset stands there itself.
+            // A value that fits in place of its offset is stored there.
             let (place, room) = if self.big { (at + 12, 8) } else { (at + 8, 4) };
             let start = if length <= room { place } else { self.offset(place)? };
             let data = self.slice(start, length).map_err(|e| e.at(format!("TIFF tag {tag}")))?;

@@ -23,9 +23,9 @@
 //! | Y4M video, written alone | [`y4m`] | any number, without colour filters | bits |
 //! | V4L2 pixels | [`pixel_format`] | any number | bits and pattern, in the file's name |
 //!
-//! Any of them but the last two may lie in a gzip file. [`live`] writes frames one after another.
-//! What a reader takes for granted stands in
-//! [`Facts::notes`], and [`Format::leaves_out`] says what a format cannot carry.
+//! All but the last two may be compressed by gzip. [`live`] writes frames one after another.
+//! [`Facts::notes`] has the assumptions of a reader, [`Format::leaves_out`] what a format cannot
+//! carry. A format whose feature is switched off is refused.
 //!
 //! # Example
 //! A frame of 4 x 2 pixels, 10 bits, as a TIFF file's bytes and back:
@@ -64,7 +64,6 @@ pub mod exif;
 mod facts;
 pub mod fits;
 mod full_scale;
-#[cfg(feature = "gzip")]
 mod gzip;
 #[cfg_attr(not(feature = "tiff"), allow(dead_code, reason = "stacks of TIFF alone"))]
 mod ifd;
@@ -97,17 +96,6 @@ pub use pixel_format::PixelFormat;
 use std::fmt;
 use std::path::Path;
 pub use taken::{Said, Taken};
-
-#[cfg(not(all(feature = "gzip", feature = "mcap", feature = "png", feature = "tiff")))]
-mod left_out;
-#[cfg(not(feature = "gzip"))]
-use left_out::gzip;
-#[cfg(not(feature = "mcap"))]
-pub use left_out::mcap;
-#[cfg(not(feature = "png"))]
-pub use left_out::png;
-#[cfg(not(feature = "tiff"))]
-pub use left_out::{dng, tiff16};
 
 /// First bytes of an MCAP file.
 const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
@@ -324,19 +312,25 @@ impl Format {
             .with_code(ErrorCode::SeveralFrames));
         }
         match self {
+            #[cfg(feature = "tiff")]
             Self::Dng => {
                 let info = frames.facts.dng.clone().unwrap_or_default();
                 dng::encode(&frames.raw(0)?, &info)
             }
+            #[cfg(feature = "tiff")]
             Self::Tiff => tiff16::encode(frames),
             Self::Npy => npy::encode(frames),
             Self::Pgm => pgm::encode(frames),
+            #[cfg(feature = "png")]
             Self::Png => png::encode(frames),
             Self::Fits => fits::encode(frames),
             Self::Csi2 => csi2::encode(frames),
+            #[cfg(feature = "mcap")]
             Self::Mcap => mcap::encode(frames),
             Self::Y4m => y4m::encode(frames),
             Self::Raw(pixels) => pixels.encode(frames),
+            #[cfg(not(all(feature = "mcap", feature = "png", feature = "tiff")))]
+            other => Err(left_out(other)),
         }
     }
 }
@@ -358,6 +352,13 @@ impl fmt::Display for Format {
     }
 }
 
+/// The error for a format whose feature is switched off.
+#[cfg(not(all(feature = "gzip", feature = "mcap", feature = "png", feature = "tiff")))]
+fn left_out(format: impl fmt::Display) -> Error {
+    Error::unsupported(format!("{format}: this build leaves it out"))
+        .help("build camrig-formats with its default features")
+}
+
 /// Reads frames from the bytes of any self-describing format, also within gzip.
 ///
 /// # Errors
@@ -372,12 +373,15 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     };
     let frames = match Format::sniff(bytes) {
         Some(Format::Dng) => dng_read::decode(bytes),
+        #[cfg(feature = "tiff")]
         Some(Format::Tiff) => tiff16::decode(bytes),
         Some(Format::Npy) => npy::decode(bytes),
         Some(Format::Pgm) => pgm::decode(bytes),
+        #[cfg(feature = "png")]
         Some(Format::Png) => png::decode(bytes),
         Some(Format::Fits) => fits::decode(bytes),
         Some(Format::Csi2) => csi2::decode(bytes),
+        #[cfg(feature = "mcap")]
         Some(Format::Mcap) => mcap::decode(bytes),
         Some(Format::Raw(_) | Format::Y4m) | None => {
             Err(Error::unsupported("not in a known raw format").help(
@@ -385,6 +389,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
              packets, MCAP; headerless raw needs a name like NAME_640x480_SGRBG10P.raw",
             ))
         }
+        #[cfg(not(all(feature = "mcap", feature = "png", feature = "tiff")))]
+        Some(other) => Err(left_out(&other)),
     }?;
     debug_assert!(!frames.planes.is_empty());
     Ok(frames)

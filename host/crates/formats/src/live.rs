@@ -5,6 +5,7 @@
 //! white is white for programs that know 8 and 16 bits alone: 1023 of 10 bits is 65472 as
 //! `SRGGB16` and 255 as `SRGGB8`.
 
+#[cfg(feature = "mcap")]
 use super::mcap::{CameraInfo, Recording};
 use super::{Facts, Format, Frames, csi2, y4m};
 use camrig_base::{Error, RawFrame, Result};
@@ -14,10 +15,12 @@ use std::borrow::Cow;
 pub struct LiveEncoder {
     format: Format,
     frames_per_s: Option<f64>,
-    camera: Option<CameraInfo>,
     /// Frames encoded.
     count: u64,
-    /// What an MCAP file has so far.
+    #[cfg(feature = "mcap")]
+    camera: Option<CameraInfo>,
+    /// An MCAP file that was begun.
+    #[cfg(feature = "mcap")]
     recording: Option<Recording>,
 }
 
@@ -43,7 +46,15 @@ impl LiveEncoder {
     /// A format that holds one frame, or counts its frames at the front.
     pub fn new(format: Format, frames_per_s: Option<f64>) -> Result<Self> {
         if format.is_stream() {
-            return Ok(Self { format, frames_per_s, camera: None, count: 0, recording: None });
+            return Ok(Self {
+                format,
+                frames_per_s,
+                count: 0,
+                #[cfg(feature = "mcap")]
+                camera: None,
+                #[cfg(feature = "mcap")]
+                recording: None,
+            });
         }
         Err(Error::unsupported(format!("a stream of frames as {format}")).help(
             "formats in which frames follow one another are csi2, mcap, pgm, y4m and headerless \
@@ -53,6 +64,7 @@ impl LiveEncoder {
 
     /// Says the camera's figures before the first frame, for formats that hold them
     /// ([`Self::has_camera`]).
+    #[cfg(feature = "mcap")]
     pub fn set_camera(&mut self, figures: CameraInfo) {
         self.camera = Some(figures);
     }
@@ -108,6 +120,7 @@ impl LiveEncoder {
     }
 
     /// Time of the next frame, ns.
+    #[cfg(feature = "mcap")]
     fn stamp_ns(&self, beside: &Beside) -> u64 {
         let counted = || self.count as f64 / self.frames_per_s.unwrap_or(1.0);
         (beside.time_s.unwrap_or_else(counted) * 1e9).round() as u64
@@ -125,10 +138,10 @@ impl LiveEncoder {
                 let options = csi2::Options {
                     line_packets: beside.line_packets,
                     embedded: vec![beside.embedded.clone()],
+                    numbers: vec![beside.number.unwrap_or(counted)],
                     ..Default::default()
                 };
-                let number = beside.number.unwrap_or(counted);
-                csi2::encode_numbered(&Frames::from_raw(frame), &options, &[number])?
+                csi2::encode_with(&Frames::from_raw(frame), &options)?
             }
             Format::Y4m => {
                 let mut bytes = match self.count {
@@ -138,6 +151,7 @@ impl LiveEncoder {
                 bytes.extend(y4m::frame(&frame.data, frame.bits)?);
                 bytes
             }
+            #[cfg(feature = "mcap")]
             Format::Mcap => {
                 let stamp_ns = self.stamp_ns(beside);
                 let recording = match &mut self.recording {
@@ -157,7 +171,11 @@ impl LiveEncoder {
     /// # Errors
     /// None that depends on the frames.
     pub fn finish(&mut self) -> Result<Vec<u8>> {
-        self.recording.take().map_or(Ok(Vec::new()), Recording::finish)
+        #[cfg(feature = "mcap")]
+        if let Some(recording) = self.recording.take() {
+            return recording.finish();
+        }
+        Ok(Vec::new())
     }
 }
 

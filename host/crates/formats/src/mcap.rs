@@ -24,7 +24,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 const IMAGES: &str = "/camera/image_raw";
 /// Topic of the camera's figures.
 const CAMERA: &str = "/camera/camera_info";
-/// Key of a channel's metadata under which its frames' facts stand.
+/// Key of a channel's metadata that holds the facts of its frames.
 const NOTE: &str = "camrig";
 
 /// Bytes of the recording that have not been fetched.
@@ -222,7 +222,7 @@ fn records_end_within(mut rest: &[u8], in_chunk: bool) -> bool {
     rest.is_empty() || !in_chunk
 }
 
-/// What stands in a record.
+/// A field of a record.
 enum Field {
     /// So many bytes.
     Bytes(usize),

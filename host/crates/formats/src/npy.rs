@@ -3,12 +3,12 @@
 //! The writer makes version 1.0, `<u2`, C order, byte for byte as `numpy.save` does. The reader
 //! takes integers and floats of 1 to 8 bytes whose values are whole and fit in 16 bits, in either
 //! byte order, in C or Fortran order. A last axis of one channel, as image readers give grey
-//! frames, is left out: H x W x 1 is one frame, not H frames of one column. One of two to four
-//! beside longer axes is refused: it is of colours, or of frames that stand last.
+//! frames, is dropped: H x W x 1 is one frame, not H frames of one column. A last axis of two to
+//! four after longer ones is refused: it is of colours, or the frames come last.
 
 use super::{Facts, Frames, area, narrow, truncated};
 use camrig_base::npy::{Header, header};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, Plane, Result, Sample};
 use std::io::Read;
 
 /// Frames as `.npy` bytes; one frame is H x W, several are N x H x W.
@@ -37,95 +37,10 @@ pub struct Layout {
     pub fortran: bool,
     /// Type of the samples.
     pub sample: Sample,
+    /// Whether their most significant byte comes first.
+    pub big_endian: bool,
     /// Position of the first sample in the file, bytes.
     pub offset: u64,
-}
-
-/// A type of samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Sample {
-    /// 8-bit unsigned.
-    U8,
-    /// 16-bit unsigned, little-endian.
-    U16,
-    /// 16-bit unsigned, big-endian.
-    U16Big,
-    /// Other types whose values are whole and fit.
-    Wide {
-        /// Integers or floats.
-        kind: Kind,
-        /// Bytes per sample: 1 to 8.
-        size: usize,
-        /// Whether the most significant byte comes first.
-        big_endian: bool,
-    },
-}
-
-/// Kinds of numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Kind {
-    /// Unsigned integers.
-    Unsigned,
-    /// Signed integers.
-    Signed,
-    /// IEEE floating-point numbers of 4 or 8 bytes.
-    Float,
-}
-
-impl Sample {
-    /// Bytes per sample.
-    pub fn size(self) -> usize {
-        match self {
-            Self::U8 => 1,
-            Self::U16 | Self::U16Big => 2,
-            Self::Wide { size, .. } => size,
-        }
-    }
-
-    /// A type by NumPy's name.
-    fn parse(descr: &str) -> Option<Self> {
-        match descr {
-            "|u1" => return Some(Self::U8),
-            "<u2" => return Some(Self::U16),
-            ">u2" => return Some(Self::U16Big),
-            _ => {}
-        }
-        let mut letters = descr.chars();
-        let big_endian = match letters.next()? {
-            '<' | '|' => false,
-            '>' => true,
-            _ => return None,
-        };
-        let kind = match letters.next()? {
-            'u' => Kind::Unsigned,
-            'i' => Kind::Signed,
-            'f' => Kind::Float,
-            _ => return None,
-        };
-        let size = letters.as_str().parse().ok()?;
-        let known = match kind {
-            Kind::Float => matches!(size, 4 | 8),
-            _ => matches!(size, 1 | 2 | 4 | 8),
-        };
-        known.then_some(Self::Wide { kind, size, big_endian })
-    }
-
-    /// The samples in some bytes, DN.
-    fn read(self, bytes: &[u8]) -> Result<Vec<u16>> {
-        Ok(match self {
-            Self::U8 => bytes.iter().map(|&b| u16::from(b)).collect(),
-            Self::U16 => bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect(),
-            Self::U16Big => {
-                bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect()
-            }
-            Self::Wide { kind, size, big_endian } => {
-                let value = |b: &[u8]| wide(kind, big_endian, b);
-                bytes.chunks_exact(size).map(value).collect::<Result<_>>()?
-            }
-        })
-    }
 }
 
 impl Layout {
@@ -151,11 +66,13 @@ impl Layout {
                     .help("frames are H x W or N x H x W"));
             }
         };
-        let sample = Sample::parse(&descr).ok_or_else(|| {
+        // Halves have too few bits for DN.
+        let known = Sample::of_numpy(&descr).filter(|(sample, _)| *sample != Sample::F16);
+        let (sample, big_endian) = known.ok_or_else(|| {
             Error::unsupported(format!("an array of type {descr}"))
                 .help("raw DN are 16-bit unsigned: array.astype('<u2')")
         })?;
-        let needed = area(width, height)?.saturating_mul(sample.size()).saturating_mul(count);
+        let needed = area(width, height)?.saturating_mul(sample.bytes()).saturating_mul(count);
         if count == 0 {
             return Err(Error::input("an array of no frames"));
         }
@@ -163,24 +80,21 @@ impl Layout {
         if needed as u64 > there {
             return Err(truncated(needed, there as usize));
         }
-        Ok(Self { count, height, width, fortran, sample, offset })
+        Ok(Self { count, height, width, fortran, sample, big_endian, offset })
     }
 }
 
-/// A value of up to 8 bytes as DN.
-fn wide(kind: Kind, big_endian: bool, b: &[u8]) -> Result<u16> {
-    let negative = kind == Kind::Signed && b[if big_endian { 0 } else { b.len() - 1 }] > 127;
-    let mut word = [if negative { 0xff } else { 0 }; 16];
-    word[..b.len()].copy_from_slice(b);
-    if big_endian {
-        word[..b.len()].reverse();
+/// A sample as DN.
+fn dn(sample: Sample, big_endian: bool, raw: &[u8]) -> Result<u16> {
+    let value = sample.read(raw, big_endian);
+    match sample {
+        Sample::F32 | Sample::F64 => narrow::float(value),
+        _ => narrow::integer(value as i128),
     }
-    let bits = i128::from_le_bytes(word);
-    match kind {
-        Kind::Float if b.len() == 4 => narrow::float(f32::from_bits(bits as u32).into()),
-        Kind::Float => narrow::float(f64::from_bits(bits as u64)),
-        _ => narrow::integer(bits),
-    }
+}
+
+fn words(bytes: &[u8], word: fn([u8; 2]) -> u16) -> Vec<u16> {
+    bytes.as_chunks().0.iter().map(|pair| word(*pair)).collect()
 }
 
 /// Reads `.npy` bytes.
@@ -189,12 +103,19 @@ fn wide(kind: Kind, big_endian: bool, b: &[u8]) -> Result<u16> {
 /// Those of [`Layout::read`], and values that are not DN from 0 to 65535.
 pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let layout = Layout::read(&mut &*bytes, bytes.len() as u64)?;
-    let Layout { width, height, count, sample, .. } = layout;
+    let Layout { width, height, count, sample, big_endian, .. } = layout;
     let pixels = width * height;
-    let samples = &bytes[layout.offset as usize..][..pixels * count * sample.size()];
-    let mut data = sample.read(samples)?;
+    let samples = &bytes[layout.offset as usize..][..pixels * count * sample.bytes()];
+    let mut data: Vec<u16> = match sample {
+        Sample::U16 if big_endian => words(samples, u16::from_be_bytes),
+        Sample::U16 => words(samples, u16::from_le_bytes),
+        _ => {
+            let raw = samples.chunks_exact(sample.bytes());
+            raw.map(|raw| dn(sample, big_endian, raw)).collect::<Result<_>>()?
+        }
+    };
     if layout.fortran {
-        // The first index runs fastest: the sample at frame n, row y, column x stands at
+        // The first index runs fastest: the sample at frame n, row y, column x is at
         // n + count (y + height x).
         let at = |i: usize| i / pixels + count * (i % pixels / width + height * (i % width));
         data = (0..data.len()).map(|i| data[at(i)]).collect();

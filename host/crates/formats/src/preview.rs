@@ -5,7 +5,7 @@
 //! converters show a picture that nobody has developed yet.
 
 use super::dng_info::{DngInfo, black_levels};
-use camrig_base::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply};
+use camrig_base::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply, srgb_byte};
 use camrig_base::{Plane, RawFrame};
 use rayon::prelude::*;
 
@@ -70,7 +70,7 @@ fn brightened(linear: &Plane<[f64; 3]>) -> (Plane<[u8; 3]>, f64) {
     });
     let brightest = brightest.fold(0.0, f64::max);
     let factor = (1.0 / brightest.max(1.0 / MAX_BRIGHTENING)).max(1.0);
-    let encode = |pixel: &[f64; 3]| pixel.map(|v| gamma((v * factor).clamp(0.0, 1.0)));
+    let encode = |pixel: &[f64; 3]| pixel.map(|v| srgb_byte((v * factor).clamp(0.0, 1.0)));
     let data = linear.data.par_iter().map(encode).collect();
     (Plane { width: linear.width, height: linear.height, data }, factor)
 }
@@ -221,7 +221,7 @@ impl ToSrgb {
             cfa_height: frame.cfa.height,
             channel: frame.cfa.letters.iter().map(|&c| rgb(c)).collect(),
             development: Development::new(frame, info),
-            gamma: (0..=u16::MAX).map(|v| gamma(f64::from(v) / 65535.0)).collect(),
+            gamma: (0..=u16::MAX).map(|v| srgb_byte(f64::from(v) / 65535.0)).collect(),
         }
     }
 
@@ -265,16 +265,6 @@ fn srgb_from_camera(camera_from_xyz: Matrix) -> Option<Matrix> {
     inverse(&camera_from_srgb)
 }
 
-/// sRGB transfer function, IEC 61966-2-1, to 8 bits.
-fn gamma(linear: f64) -> u8 {
-    let encoded = if linear <= 0.003_130_8 {
-        12.92 * linear
-    } else {
-        1.055 * libm::pow(linear, 1.0 / 2.4) - 0.055
-    };
-    (encoded * 255.0).round() as u8
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -295,7 +285,7 @@ mod tests {
         for cfa in ["GRBG", "RRGG/RRGG/GGBB/GGBB", "RGB"] {
             let raw = frame(cfa, |_, _, channel| 64.0 + 1000.0 * (channel + 1) as f64);
             let picture = render(&raw, &DngInfo::default());
-            let expected = [1.0, 2.0, 3.0].map(|v| gamma(v / 4.0));
+            let expected = [1.0, 2.0, 3.0].map(|v| srgb_byte(v / 4.0));
             assert!(picture.data.iter().all(|p| *p == expected), "{cfa}: {:?}", picture.data);
         }
     }
@@ -326,7 +316,7 @@ mod tests {
         let picture = render(&frame("GRBG", |x, y, _| level(x, y)), &DngInfo::default());
         for y in 1..11 {
             for x in 1..15 {
-                let expected = gamma((level(x, y) - 64.0) / 4000.0);
+                let expected = srgb_byte((level(x, y) - 64.0) / 4000.0);
                 assert_eq!(picture.at(x, y), [expected; 3], "{x} {y}");
             }
         }
@@ -370,6 +360,6 @@ mod tests {
         let color = [0.6, 0.3, 0.1];
         let info = DngInfo { color_matrix_d65: inverse(&XYZ_FROM_SRGB), ..DngInfo::default() };
         let raw = frame("RGGB", |_, _, channel| 64.0 + 4000.0 * color[channel]);
-        assert_eq!(render(&raw, &info).at(8, 6), color.map(gamma));
+        assert_eq!(render(&raw, &info).at(8, 6), color.map(srgb_byte));
     }
 }

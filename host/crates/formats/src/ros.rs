@@ -145,7 +145,7 @@ pub fn encoding(cfa: &Cfa, bytes: usize) -> Result<String> {
     Ok(format!("bayer_{pattern}{bits}"))
 }
 
-/// The pattern and the bytes per sample that ROS's name stands for.
+/// The pattern and the bytes per sample that a ROS name means.
 fn layout(encoding: &str) -> Result<(Cfa, usize)> {
     let name = encoding.trim_end_matches(|c: char| c.is_ascii_digit());
     let bytes = match &encoding[name.len()..] {

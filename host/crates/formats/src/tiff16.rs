@@ -111,7 +111,7 @@ struct Page {
 }
 
 impl Page {
-    /// The page at which the file stands.
+    /// The current page of the file.
     fn read(file: &mut Decoder<Cursor<&[u8]>>, bytes: &[u8]) -> Result<Self> {
         let (width, height) = file.dimensions().map_err(failed)?;
         let (width, height) = (width as usize, height as usize);

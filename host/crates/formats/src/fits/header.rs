@@ -6,7 +6,7 @@ use camrig_base::{Error, Result};
 use std::collections::BTreeMap;
 
 /// Keywords that an extension takes over from a primary header without data, with their synonyms:
-/// one of them in the extension stands for all.
+/// one of them in the extension replaces all.
 const INHERITED: [&[&str]; 10] = [
     &["BAYERPAT", "COLORTYP"],
     &["XBAYROFF"],
@@ -40,7 +40,7 @@ pub(super) struct Image {
     pub bscale: f64,
     /// Whether the header has BZERO or BSCALE.
     pub scaled: bool,
-    /// The integer that stands for an undefined pixel.
+    /// The integer that marks an undefined pixel.
     pub blank: Option<i64>,
 }
 
@@ -236,7 +236,7 @@ impl Header {
     }
 }
 
-/// The value of a card, without its comment; of a text, what stands between its quotes.
+/// The value of a card, without its comment; of a text, without its quotes.
 fn value_of(text: &str) -> String {
     let text = text.trim_start();
     let Some(quoted) = text.strip_prefix('\'') else {

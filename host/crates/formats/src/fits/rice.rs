@@ -8,7 +8,7 @@ use camrig_base::{Error, Result};
 /// # Errors
 /// Bytes that end before the last value.
 pub(super) fn decode(bytes: &[u8], count: usize, block: usize, bits: u32) -> Result<Vec<i64>> {
-    // Bits of a block's number of low bits, and the numbers that stand for other codings.
+    // Bits of a block's number of low bits, and the numbers that mark other codings.
     let (width, raw) = match bits {
         8 => (3, 6),
         16 => (4, 14),

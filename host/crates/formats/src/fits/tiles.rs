@@ -12,7 +12,7 @@ const COLUMNS: [&str; 3] = ["COMPRESSED_DATA", "GZIP_COMPRESSED_DATA", "UNCOMPRE
 const RICE_BLOCK: usize = 32;
 /// Longest block that is taken: writers use 16 or 32.
 const LONGEST_RICE_BLOCK: usize = 256;
-/// Most values that a byte can stand for: 1032 with gzip (the limit of Deflate), fewer with Rice
+/// Most values that a byte can encode: 1032 with gzip (the limit of Deflate), fewer with Rice
 /// coding, whose blocks of equal values take 3 bits or more.
 const MAX_PER_BYTE: usize = 1032;
 /// Axes of an image: columns, rows, frames.
