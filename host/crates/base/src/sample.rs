@@ -2,6 +2,7 @@
 
 /// A type of numbers in files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Sample {
     /// Unsigned 8 bit.
     U8,

@@ -8,7 +8,7 @@
 use super::cube::{BandSource, Cube};
 use super::selection::Stated;
 use super::sidecar::{Own, Sidecar};
-use super::strided::{Bytes, Layout, Strided};
+use super::strided::{Bytes, Layout, Strided, three_axes};
 use super::{hdf5, isetcam, matlab, units};
 use camrig_base::unit::Unit;
 use camrig_base::{Error, Result};
@@ -32,7 +32,7 @@ const WAVELENGTH_NAMES: [&str; 7] = ["wave", "wl", "wvl", "lambda", "band", "nm"
 const SURE_NAMES: [&str; 3] = ["wave", "lambda", "list_cw"];
 /// Whole names of such lists: as parts they may be those of places in the picture.
 const CENTRES: [&str; 4] = ["center", "centers", "centre", "centres"];
-/// Parts of the names of lists that lie beside them: of the widths of bands, of wavenumbers.
+/// Parts of the names of other lists: of the widths of bands, of wavenumbers.
 const OTHER_NAMES: [&str; 3] = ["fwhm", "width", "number"];
 /// Band centres in nm and in µm, to tell lists of wavelengths from lists of indices.
 const NM: std::ops::RangeInclusive<f64> = 200.0..=3000.0;
@@ -43,31 +43,8 @@ const MAX_BANDS: usize = 1 << 16;
 const MANY_BANDS: usize = 300;
 
 /// Attributes of packed samples in the CF conventions (1.11, section 8.1 and 2.5.1): gain, offset
-/// and two names of the sample that stands for no data.
+/// and two names of the sample that means no data.
 const CF: [&str; 4] = ["scale_factor", "add_offset", "_FillValue", "missing_value"];
-
-/// What the samples of an array stand for: `gain * sample + offset` in the array's unit.
-struct Packing {
-    gain: f64,
-    offset: f64,
-    /// The sample that stands for no data.
-    ignored: Option<f64>,
-}
-
-impl Packing {
-    /// The same of samples that come multiplied by `scale`, which makes the array's unit the
-    /// scene's.
-    fn stated(&self, bands: usize, scale: f32) -> Stated {
-        let is_packed = self.gain != 1.0 || self.offset != 0.0;
-        let all = |value: f64| is_packed.then(|| vec![value; bands]);
-        Stated {
-            gain: all(self.gain),
-            offset: all(self.offset * f64::from(scale)),
-            ignored: self.ignored.map(|value| value as f32 * scale),
-            ..Stated::default()
-        }
-    }
-}
 
 /// A file of named arrays.
 struct Arrays<'a> {
@@ -92,7 +69,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         return isetcam::open(path, sidecar);
     }
     let (name, shape) = choose(&arrays.list, sidecar.array.as_deref())?;
-    let lengths = three_axes(shape).ok_or_else(|| not_a_cube(name, shape))?;
+    let lengths = three_axes(name, shape)?;
     let wavelengths =
         wavelengths(&arrays.list, &lengths, sidecar, |name| arrays.list_of(name, sidecar))?;
     let stated = arrays.stated_wavelengths(name)?;
@@ -123,9 +100,10 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let other_wavelengths = others.find(is_sure).cloned();
     let mut own = Own { understood, other_wavelengths, ..Own::default() };
     let scale = arrays.quantity(name, sidecar, &mut own)?;
-    let source = arrays.cube(name, shape, &axes, scale)?;
+    let source = arrays.cube(name, shape, &axes)?;
     let bands = source.bands();
-    own.stated = arrays.packing(name, sidecar, &mut own)?.stated(bands, scale);
+    let packed = arrays.packing(name, bands, sidecar, &mut own)?;
+    own.stated = Stated { scale: Some(scale), ..packed };
     let wavelengths = wavelengths.filter(|(_, nm)| nm.len() == bands);
     own.understood.extend(wavelengths.iter().map(|(of, _)| format!("wavelengths from {of:?}")));
     own.usual = usual(name, bands);
@@ -152,12 +130,6 @@ fn usual(name: &str, bands: usize) -> Option<(f64, String)> {
     found.map(|(_, _, start, of)| (*start, of.to_string()))
 }
 
-/// The lengths of three axes, without further ones of length 1.
-fn three_axes(shape: &[usize]) -> Option<[usize; 3]> {
-    let long = shape.iter().copied().filter(|&n| shape.len() == 3 || n != 1);
-    long.collect::<Vec<usize>>().try_into().ok()
-}
-
 /// What to say where the axes of an array can be taken in several ways.
 const NAME_THE_AXES: &str = "name the order of its axes: axes=yxb is rows, columns, bands";
 
@@ -180,20 +152,15 @@ pub(super) fn axes_of(name: &str, lengths: &[usize; 3], bands: usize) -> Result<
     })
 }
 
-fn not_a_cube(name: &str, shape: &[usize]) -> Error {
-    Error::input(format!("array {name:?} of shape {shape:?}"))
-        .help("a spectral cube has three axes: rows, columns, bands")
-}
-
 /// The array that holds the cube.
 pub(super) fn choose<'a>(
     list: &'a [(String, Vec<usize>)],
     wanted: Option<&str>,
 ) -> Result<(&'a str, &'a [usize])> {
-    let cubes = list.iter().filter(|(_, shape)| three_axes(shape).is_some());
+    let cubes = list.iter().filter(|(name, shape)| three_axes(name, shape).is_ok());
     let mut cubes: Vec<_> = cubes.filter(|(_, shape)| !shape.contains(&0)).collect();
     if cubes.len() > 1 {
-        // Pictures of three colours beside the cube.
+        // Pictures of three colours next to the cube.
         let named = |name: &str| {
             let name = name.to_lowercase();
             ["rgb", "preview", "thumb", "picture", "color"].iter().any(|w| name.contains(w))
@@ -230,7 +197,7 @@ pub(super) fn choose<'a>(
 /// The name of the one cube with the most bands, where a list has an entry for each of them.
 pub(super) fn of_most_wavelengths(list: &[(String, Vec<usize>)]) -> Option<&str> {
     let bands = |shape: &[usize]| shape.last().copied().unwrap_or(0);
-    let cubes = || list.iter().filter(|(_, shape)| three_axes(shape).is_some());
+    let cubes = || list.iter().filter(|(name, shape)| three_axes(name, shape).is_ok());
     let most = cubes().map(|(_, shape)| bands(shape)).max()?;
     let has_list = list
         .iter()
@@ -401,54 +368,52 @@ impl<'a> Arrays<'a> {
     }
 
     /// How the samples of an array are packed, by the CF conventions.
-    fn packing(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<Packing> {
+    fn packing(
+        &self,
+        name: &str,
+        bands: usize,
+        sidecar: &Sidecar,
+        own: &mut Own,
+    ) -> Result<Stated> {
         let attributes = self.attributes(name)?;
         let number = |name: &str| {
             let attribute = attributes.iter().find(|attribute| attribute.name == name)?;
             attribute.numbers.as_ref()?.first().copied()
         };
         let [gain, offset, fill, missing] = CF.map(number);
-        let packing = Packing {
-            gain: gain.unwrap_or(1.0),
-            offset: offset.unwrap_or(0.0),
-            ignored: fill.or(missing),
-        };
-        if packing.gain == 1.0 && packing.offset == 0.0 {
-            return Ok(packing);
+        let ignored = fill.or(missing).map(|value| value as f32);
+        let plain = Stated { ignored, ..Stated::default() };
+        let (gain, offset) = (gain.unwrap_or(1.0), offset.unwrap_or(0.0));
+        if gain == 1.0 && offset == 0.0 {
+            return Ok(plain);
         }
         if sidecar.scales_samples() {
             own.notes.push("scale_factor and add_offset give way to the scale given".into());
-            return Ok(Packing { gain: 1.0, offset: 0.0, ..packing });
+            return Ok(plain);
         }
         own.understood.push(format!(
-            "samples times {} plus {}, as scale_factor and add_offset say",
-            packing.gain, packing.offset
+            "samples times {gain} plus {offset}, as scale_factor and add_offset say"
         ));
-        Ok(packing)
+        let all = |value: f64| Some(vec![value; bands]);
+        Ok(Stated { gain: all(gain), offset: all(offset), ..plain })
     }
 
     /// The array as a cube; `axes` in the order of `shape`.
-    fn cube(
-        &self,
-        name: &str,
-        shape: &[usize],
-        axes: &str,
-        scale: f32,
-    ) -> Result<Box<dyn BandSource>> {
+    fn cube(&self, name: &str, shape: &[usize], axes: &str) -> Result<Box<dyn BandSource>> {
         let backwards: String = axes.chars().rev().collect();
         match self.kind {
-            Kind::Hdf5 => hdf5::cube(self.path, name, axes, scale),
-            Kind::Matlab73 => hdf5::cube(self.path, name, &backwards, scale),
+            Kind::Hdf5 => hdf5::cube(self.path, name, axes),
+            Kind::Matlab73 => hdf5::cube(self.path, name, &backwards),
             Kind::Matlab5 => {
-                let mut lengths = three_axes(shape).ok_or_else(|| not_a_cube(name, shape))?;
+                let mut lengths = three_axes(name, shape)?;
                 lengths.reverse();
                 let found = matlab::read(self.path, &[name])?.pop();
                 let Some((_, matlab::Value::Array(array))) = found else {
-                    return Err(not_a_cube(name, shape));
+                    return Err(Error::input(format!("array {name:?} is not of numbers")));
                 };
                 let layout = Layout::packed(&backwards, lengths)?;
                 let bytes = Bytes::Memory(array.bytes);
-                Ok(Box::new(Strided::new(bytes, 0, array.sample, false, layout, scale)?))
+                Ok(Box::new(Strided::new(bytes, 0, array.sample, false, layout)?))
             }
         }
     }

@@ -1,4 +1,4 @@
-//! ENVI cubes: a text header `.hdr` beside a raw data file.
+//! ENVI cubes: a text header `.hdr` next to a raw data file.
 //!
 //! Format: the ENVI header description of NV5 Geospatial (keys `samples`, `lines`, `bands`, `data
 //! type`, `interleave`, `byte order`, `header offset`, `wavelength`, `wavelength units`,
@@ -77,7 +77,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     own.stated = header.stated(scale)?;
     let data = Bytes::File(data);
     let layout = Layout::packed(axes, lengths)?;
-    let cube = Strided::new(data, offset as u64, sample, big_endian, layout, scale)?;
+    let cube = Strided::new(data, offset as u64, sample, big_endian, layout)?;
     sidecar.cube(Box::new(cube), own)
 }
 

@@ -112,7 +112,7 @@ impl Header {
         numbers.map(number).collect::<Result<Vec<f64>>>().map(Some)
     }
 
-    /// Refuses gains other than 1 beside a key that scales the samples, too.
+    /// Refuses gains other than 1 together with another key that scales the samples.
     pub fn refuse_gains(&self, beside: &str) -> Result<()> {
         let gains = self.list("data gain values")?.unwrap_or_default();
         if gains.iter().all(|gain| *gain == 1.0) {
@@ -198,20 +198,19 @@ impl Header {
         self.0.keys().find(other).cloned()
     }
 
-    /// What is said of the bands. Samples come multiplied by `scale`, which is for what gain and
-    /// offset make of them.
+    /// What is said of the bands, which `scale` makes values of the scene.
     pub fn stated(&self, scale: f32) -> Result<Stated> {
-        let offset = self.list("data offset values")?;
         let good = self.list("bbl")?.map(|list| list.iter().map(|v| *v != 0.0).collect());
         let ignored = match self.text("data ignore value") {
-            Some(text) => Some(text.parse::<f32>().map(|v| v * scale).map_err(|_| {
+            Some(text) => Some(text.parse::<f32>().map_err(|_| {
                 Error::input(format!("data ignore value = {text}")).help("give a number")
             })?),
             None => None,
         };
         Ok(Stated {
             gain: self.list("data gain values")?,
-            offset: offset.map(|list| list.iter().map(|v| v * f64::from(scale)).collect()),
+            offset: self.list("data offset values")?,
+            scale: Some(scale),
             good,
             ignored,
         })

@@ -95,7 +95,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let left = cubes.iter().flat_map(|cube| &cube.bands).count();
     let header = &meta.headers[chosen.part];
     let mut own = about(&chosen, header, left, &others, sidecar)?;
-    let scale = scale(header, sidecar, &mut own)?;
+    own.stated.scale = Some(scale(header, sidecar, &mut own)?);
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
     own.nm = Some(nm);
     let (window, note) = Window::of(path, header, 1, MAX_PIXELS)?.whole_part();
@@ -106,7 +106,6 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         part: chosen.part,
         channels,
         types: header.channels.list.iter().map(|c| c.sample_type).collect(),
-        scale,
     };
     sidecar.cube(Box::new(source), own)
 }
@@ -369,7 +368,6 @@ pub(super) struct Channels {
     pub channels: Vec<usize>,
     /// For each channel of the part the type of its samples.
     pub types: Vec<SampleType>,
-    pub scale: f32,
 }
 
 impl BandSource for Channels {
@@ -419,7 +417,6 @@ impl BandSource for Channels {
                 Ok(())
             })
             .map_err(refused)?;
-        plane.data.iter_mut().for_each(|v| *v *= self.scale);
         Ok(self.window.shown(plane))
     }
 }

@@ -192,12 +192,9 @@ pub fn large(path: &Path, wanted: &[&str]) -> Result<Vec<(String, Box<dyn BandSo
             return Err(Error::limit(format!("array {name:?} of shape {lengths:?}")));
         }
         // HDF5 lists the slowest axis first: bands, columns, rows.
-        if let [bands, width, height] = lengths[..] {
-            let (path, name) = (path.into(), name.clone());
-            let (transposed, scale) = (true, 1.0);
-            let held = Mutex::default();
-            let planes = Planes { path, name, width, height, bands, transposed, scale, held };
-            found.push((planes.name.clone(), Box::new(planes)));
+        if let Ok(lengths) = <[usize; 3]>::try_from(lengths) {
+            let planes = Planes::new(path, &name, lengths, true);
+            found.push((name, Box::new(planes)));
         }
     }
     Ok(found)
@@ -211,7 +208,6 @@ struct Planes {
     bands: usize,
     /// Whether the rows of the array are columns of the scene, as in MATLAB's files.
     transposed: bool,
-    scale: f32,
     held: Mutex<Option<Chunk>>,
 }
 
@@ -222,6 +218,15 @@ struct Chunk {
 }
 
 impl Planes {
+    /// Of an array whose axes have these lengths: bands, then rows and columns, or transposed
+    /// columns and rows.
+    fn new(path: &Path, name: &str, lengths: [usize; 3], transposed: bool) -> Self {
+        let [bands, a, b] = lengths;
+        let (width, height) = if transposed { (a, b) } else { (b, a) };
+        let (path, name, held) = (path.into(), name.into(), Mutex::default());
+        Self { path, name, width, height, bands, transposed, held }
+    }
+
     /// Reads the bands that share chunks with one, as far as memory allows.
     fn chunk_of(&self, band: usize) -> Result<Chunk> {
         let file = opened(&self.path)?;
@@ -247,7 +252,7 @@ impl BandSource for Planes {
     }
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
-        let Self { width, height, scale, .. } = *self;
+        let Self { width, height, .. } = *self;
         let size = width * height;
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         let holds = |c: &Chunk| (c.first..c.first + c.samples.len() / size.max(1)).contains(&band);
@@ -261,7 +266,7 @@ impl BandSource for Planes {
             .get(from..from + size)
             .ok_or_else(|| Error::input(format!("band {band} of {} is cut off", self.name)))?;
         let at = |x: usize, y: usize| if self.transposed { x * height + y } else { y * width + x };
-        let plane = Plane::from_fn(width, height, |x, y| samples[at(x, y)] as f32 * scale);
+        let plane = Plane::from_fn(width, height, |x, y| samples[at(x, y)] as f32);
         *held = Some(chunk);
         Ok(plane)
     }
@@ -389,17 +394,12 @@ fn samples(lengths: &[usize]) -> Option<usize> {
 const MAX_HELD: usize = 1 << 27;
 
 /// An array as a cube; `axes` names its axes, slowest first.
-pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn BandSource>> {
+pub fn cube(path: &Path, name: &str, axes: &str) -> Result<Box<dyn BandSource>> {
     let file = opened(path)?;
     let dataset = dataset_of(&file, name)?;
     let shape: Vec<usize> =
         dataset.shape().map_err(refused)?.into_iter().map(|n| n as usize).collect();
-    let lengths: Vec<usize> =
-        shape.iter().copied().filter(|&n| shape.len() == 3 || n != 1).collect();
-    let Ok(lengths) = <[usize; 3]>::try_from(lengths) else {
-        return Err(Error::input(format!("array {name:?} of shape {shape:?}"))
-            .help("a spectral cube has three axes: rows, columns, bands"));
-    };
+    let lengths = strided::three_axes(name, &shape)?;
     let layout = strided::Layout::packed(axes, lengths)?;
     let strided::Layout { width, height, bands, .. } = layout;
     if [width, height, bands].contains(&0) {
@@ -407,10 +407,7 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
     }
     let small = |lengths: &[usize]| samples(lengths).is_some_and(|n| n <= MAX_HELD);
     if axes.starts_with('b') && shape.len() == 3 && small(&[width, height]) {
-        let (path, name, transposed) = (path.into(), name.into(), axes == "bxy");
-        let held = Mutex::default();
-        let planes = Planes { path, name, width, height, bands, transposed, scale, held };
-        return Ok(Box::new(planes));
+        return Ok(Box::new(Planes::new(path, name, lengths, axes == "bxy")));
     }
     if !small(&lengths) {
         return Err(Error::limit(format!("array {name:?} of shape {shape:?}")).help(format!(
@@ -424,7 +421,7 @@ pub fn cube(path: &Path, name: &str, axes: &str, scale: f32) -> Result<Box<dyn B
             (values.into_iter().flat_map(f32::to_le_bytes).collect(), Sample::F32, false)
         }
     };
-    let cube = Strided::new(Bytes::Memory(bytes), 0, sample, big_endian, layout, scale)?;
+    let cube = Strided::new(Bytes::Memory(bytes), 0, sample, big_endian, layout)?;
     Ok(Box::new(cube))
 }
 
@@ -483,7 +480,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cube.h5");
         file.write(&path).unwrap();
-        let cube = cube(&path, "cube", "byx", 1.0).unwrap();
+        let cube = cube(&path, "cube", "byx").unwrap();
         assert_eq!((cube.size(), cube.bands()), ((width, height), bands));
         for band in [5, 0, 6, 1, 2, 4, 3, 6] {
             let plane = cube.read(band).unwrap();

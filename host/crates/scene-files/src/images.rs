@@ -34,10 +34,9 @@ pub(super) fn open_stack(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         return Err(Error::input("a single grey picture").help("a scene has a page for each band"));
     }
     let understood = vec![format!("TIFF of {bands} {of}, one per band")];
-    let scale = sidecar.scale.unwrap_or(1.0);
     let mut own = Own { understood, ..Own::default() };
     gdal.tell(sidecar, &mut own)?;
-    let source = Stack { path: path.into(), size, bands, samples, orientation, scale };
+    let source = Stack { path: path.into(), size, bands, samples, orientation };
     sidecar.cube(Box::new(source), own)
 }
 
@@ -79,8 +78,7 @@ pub(super) fn open_folder(folder: &Path, sidecar: &Sidecar) -> Result<Option<Cub
         notes.push(format!("pictures that were not used: {}", left.join(", ")));
     }
     let nm = named_by_nm.then_some(numbers);
-    let scale = sidecar.scale.unwrap_or(1.0);
-    let source = Folder { files, size, scale };
+    let source = Folder { files, size };
     sidecar.cube(Box::new(source), Own { nm, understood, notes, ..Own::default() }).map(Some)
 }
 
@@ -196,7 +194,7 @@ fn is_tiff(path: &Path) -> bool {
     has_ending(path, &["tif", "tiff"])
 }
 
-/// The number of a picture's name: a wavelength, wherever it stands, else that at its end.
+/// The number of a picture's name: a wavelength anywhere in it, else the number at its end.
 fn number(path: &Path) -> Option<f64> {
     let stem = path.file_stem()?.to_str()?;
     let digits = stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
@@ -404,7 +402,7 @@ fn page_of(decoder: &mut Decoder<BufReader<File>>, path: &Path) -> Result<Page> 
 }
 
 /// The samples of a page of a TIFF, as stored.
-fn read_page(path: &Path, page: usize, samples: usize) -> Result<Vec<f32>> {
+pub(super) fn read_page(path: &Path, page: usize, samples: usize) -> Result<Vec<f32>> {
     let failed = |e| unreadable(path, e);
     let mut decoder = decoder(path, samples)?;
     decoder.seek_to_image(page).map_err(failed)?;
@@ -435,7 +433,6 @@ struct Stack {
     bands: usize,
     samples: usize,
     orientation: u8,
-    scale: f32,
 }
 
 impl BandSource for Stack {
@@ -452,8 +449,7 @@ impl BandSource for Stack {
         let (width, height) = self.size;
         let (page, first) = if self.samples > 1 { (0, band) } else { (band, 0) };
         let data = read_page(&self.path, page, width * height * self.samples)?;
-        let data = data.into_iter().skip(first).step_by(self.samples);
-        let data = data.map(|v| v * self.scale).collect();
+        let data = data.into_iter().skip(first).step_by(self.samples).collect();
         let ((width, height), data) = turned(self.orientation, self.size, data);
         Ok(Plane { width, height, data })
     }
@@ -463,7 +459,6 @@ impl BandSource for Stack {
 struct Folder {
     files: Vec<PathBuf>,
     size: (usize, usize),
-    scale: f32,
 }
 
 impl BandSource for Folder {
@@ -478,12 +473,11 @@ impl BandSource for Folder {
     fn read(&self, band: usize) -> Result<Plane<f32>> {
         let (width, height) = self.size;
         let file = &self.files[band];
-        let mut data =
+        let data =
             if is_png(file) { read_png(file)? } else { read_page(file, 0, width * height)? };
         if data.len() != width * height {
             return Err(Error::input("a picture of another size than before").at(file.display()));
         }
-        data.iter_mut().for_each(|v| *v *= self.scale);
         Ok(Plane { width, height, data })
     }
 }

@@ -14,6 +14,7 @@
 use super::cube::{BandSource, Cube};
 use super::matlab::{self, Array, Value};
 use super::matlab_write;
+use super::selection::Stated;
 use super::sidecar::{Own, Sidecar};
 use super::strided::{Bytes, Layout, Strided};
 use super::{Quantity, hdf5};
@@ -60,7 +61,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let quantity = if white.is_some() { Quantity::Reflectance } else { Quantity::Radiance };
     let scale = f64::from(sidecar.scale.unwrap_or(1.0));
-    let factor = to_light.into_iter().map(|f| (f * scale) as f32).collect();
+    let gain = to_light.into_iter().map(|f| f64::from((f * scale) as f32)).collect();
     let understood = match &white {
         Some(_) => "ISETCam scene: photons over those of its illuminant, which is left out",
         None => "ISETCam scene: photons times their energy",
@@ -68,33 +69,12 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let own = Own {
         nm: Some(nm),
         quantity: Some(quantity),
+        stated: Stated { gain: Some(gain), scale: Some(1.0), ..Stated::default() },
         understood: vec![understood.into()],
         notes,
         ..Own::default()
     };
-    sidecar.cube(Box::new(Scaled { planes, factor }), own)
-}
-
-/// Planes of photons, converted to reflectance or radiance by one factor per band.
-struct Scaled {
-    planes: Box<dyn BandSource>,
-    factor: Vec<f32>,
-}
-
-impl BandSource for Scaled {
-    fn size(&self) -> (usize, usize) {
-        self.planes.size()
-    }
-
-    fn bands(&self) -> usize {
-        self.planes.bands()
-    }
-
-    fn read(&self, band: usize) -> Result<Plane<f32>> {
-        let mut plane = self.planes.read(band)?;
-        plane.data.iter_mut().for_each(|v| *v *= self.factor[band]);
-        Ok(plane)
-    }
+    sidecar.cube(planes, own)
 }
 
 /// A linear model: planes of coefficients, and per band the weights of the bases and the mean.
@@ -152,7 +132,7 @@ impl Variables {
         };
         shape.resize(3, 1);
         let layout = Layout::packed("bxy", [shape[2], shape[1], shape[0]])?;
-        let image = Strided::new(Bytes::Memory(bytes), 0, sample, false, layout, 1.0)?;
+        let image = Strided::new(Bytes::Memory(bytes), 0, sample, false, layout)?;
         Ok(Some(Box::new(image)))
     }
 

@@ -45,7 +45,7 @@ mod tiff_tags;
 mod units;
 
 use camrig_base::{Error, ErrorCode, Result};
-use camrig_scene::{Bands, Components, Quantity, Scene, White, filling};
+use camrig_scene::{Bands, Components, Quantity, Scene, White};
 use camrig_scene::{chart, cube, level, preview, selection};
 use std::path::Path;
 
@@ -62,15 +62,6 @@ pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
 pub fn is_file(spec: &str) -> bool {
     let (name, _) = spec.split_once(':').unwrap_or((spec, ""));
     !chart::NAMES.contains(&name)
-}
-
-/// Opens a scene for a frame of some aspect (width over height): content with an aspect of its own
-/// fills the frame, see [`camrig_scene::Grid::over_content`].
-///
-/// # Errors
-/// Those of [`open`].
-pub fn open_filling(spec: &str, frame_aspect: f64) -> Result<Box<dyn Scene>> {
-    Ok(filling(open(spec)?, frame_aspect))
 }
 
 /// A scene's own width and height in pixels; charts have none.

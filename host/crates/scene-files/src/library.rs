@@ -11,7 +11,7 @@ use super::level::check_absolute;
 use super::preview;
 use super::stored::{self, Description};
 use camrig_base::output::{OutputDir, write_file};
-use camrig_base::{Error, ErrorCode, Result};
+use camrig_base::{Error, ErrorCode, Result, toml_text};
 use camrig_formats::png;
 use camrig_light::Illuminant;
 use serde::{Deserialize, Serialize};
@@ -48,8 +48,7 @@ impl Library {
                 .help("add a scene to make it")
                 .with_code(ErrorCode::NoLibrary)
         })?;
-        let manifest: Manifest = toml::from_str(&text)
-            .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))?;
+        let manifest: Manifest = toml_text::read(&text).map_err(|e| e.at(path.display()))?;
         if manifest.format != FORMAT {
             return Err(Error::unsupported(format!("format = {:?}", manifest.format))
                 .at(path.display())

@@ -6,7 +6,7 @@
 
 use super::cube::{BandSource, Cube};
 use super::sidecar::{Own, Sidecar};
-use super::strided::{Bytes, Layout, Sample, Strided};
+use super::strided::{Bytes, Layout, Sample, Strided, three_axes};
 use super::{arrays, units};
 use camrig_base::{Error, Plane, Result, npy};
 use std::fs::File;
@@ -48,7 +48,7 @@ pub fn read_plane(path: &Path) -> Result<Plane<f32>> {
         };
         let (sample, big_endian) = array.sample;
         let bytes = Bytes::File(path.into());
-        Strided::new(bytes, array.offset, sample, big_endian, layout, 1.0)?.read(0)
+        Strided::new(bytes, array.offset, sample, big_endian, layout)?.read(0)
     };
     read().map_err(|e| e.at(path.display()))
 }
@@ -67,16 +67,15 @@ fn cube(
     axes: &str,
     mut own: Own,
 ) -> Result<Cube> {
-    let mut lengths = array.lengths()?;
+    let mut lengths = three_axes(name, &array.shape)?;
     let mut axes = sidecar.axes.as_deref().unwrap_or(axes).to_string();
     if array.fortran {
         lengths.reverse();
         axes = axes.chars().rev().collect();
     }
     let layout = Layout::packed(&axes, lengths)?;
-    let scale = sidecar.scale.unwrap_or(1.0);
     let (sample, big_endian) = array.sample;
-    let cube = Strided::new(bytes, array.offset, sample, big_endian, layout, scale)?;
+    let cube = Strided::new(bytes, array.offset, sample, big_endian, layout)?;
     own.quantity = units::quantity_of(name, false, sidecar)?;
     let array = if name.is_empty() { String::new() } else { format!(" {name:?}") };
     let understood = format!("NumPy array{array}, {axes} from slowest to fastest, {sample:?}");
@@ -95,37 +94,12 @@ struct Array {
 impl Array {
     fn read(mut reader: impl Read) -> Result<Self> {
         let npy::Header { descr, fortran, shape, offset } = npy::Header::read(&mut reader)?;
-        Ok(Self { shape, fortran, sample: sample_of(&descr)?, offset })
+        let sample = Sample::of_numpy(&descr).ok_or_else(|| {
+            Error::unsupported(format!("samples of type {descr}"))
+                .help("save as real numbers: float16 to float64, or integers")
+        })?;
+        Ok(Self { shape, fortran, sample, offset })
     }
-
-    fn lengths(&self) -> Result<[usize; 3]> {
-        <[usize; 3]>::try_from(self.shape.as_slice()).map_err(|_| {
-            Error::input(format!("an array of shape {:?}", self.shape))
-                .help("a spectral cube has three axes: rows, columns, bands")
-        })
-    }
-}
-
-/// Sample type and byte order of a NumPy type such as `'<f4'`.
-fn sample_of(kind: &str) -> Result<(Sample, bool)> {
-    let sample = match kind.trim_start_matches(['<', '>', '|', '=']) {
-        "u1" => Sample::U8,
-        "i1" => Sample::I8,
-        "i2" => Sample::I16,
-        "u2" => Sample::U16,
-        "i4" => Sample::I32,
-        "u4" => Sample::U32,
-        "i8" => Sample::I64,
-        "u8" => Sample::U64,
-        "f2" => Sample::F16,
-        "f4" => Sample::F32,
-        "f8" => Sample::F64,
-        _ => {
-            return Err(Error::unsupported(format!("samples of type {kind}"))
-                .help("save as real numbers: float16 to float64, or integers"));
-        }
-    };
-    Ok((sample, kind.starts_with('>')))
 }
 
 fn open_npy(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
@@ -184,7 +158,7 @@ fn open_npz(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let Some((index, _, array)) = member(of) else {
         return Err(Error::input(format!("no array {of:?} in the archive")));
     };
-    let lengths = array.lengths()?;
+    let lengths = three_axes(of, &array.shape)?;
     let wavelengths = arrays::wavelengths(&list, &lengths, sidecar, |name| {
         let Some((index, _, Array { sample: (sample, big_endian), offset, .. })) = member(name)
         else {

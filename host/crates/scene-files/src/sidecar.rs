@@ -1,4 +1,4 @@
-//! What the user adds to a cube's file: a sidecar beside it (`cube.toml` for `cube.npy`), or the
+//! What the user adds to a cube's file: a sidecar next to it (`cube.toml` for `cube.npy`), or the
 //! same keys as options of its name (`cube.npy:quantity=radiance,scale=0.01`), which take
 //! precedence. A key is optional where the file itself has its value:
 //! ```toml
@@ -109,8 +109,9 @@ impl Sidecar {
     /// # Errors
     /// Wavelengths that are not known; those of [`Cube::stated`].
     pub fn cube(&self, source: Box<dyn BandSource>, own: Own) -> Result<Cube> {
-        let Own { nm, usual, quantity, stated, other_wavelengths, mut understood, mut notes } =
+        let Own { nm, usual, quantity, mut stated, other_wavelengths, mut understood, mut notes } =
             own;
+        stated.scale = stated.scale.or(self.scale);
         let bands = source.bands();
         let (width, height) = source.size();
         let given = self.given(bands).is_some();
@@ -197,11 +198,11 @@ pub(super) struct Own {
     /// Where files of this kind usually begin, nm, in steps of 10 nm, and whose they are; for
     /// files that do not say.
     pub usual: Option<(f64, String)>,
-    /// What may state wavelengths and is not understood: none are assumed beside it.
+    /// What may state wavelengths and is not understood: then none are assumed.
     pub other_wavelengths: Option<String>,
     /// What the samples are.
     pub quantity: Option<Quantity>,
-    /// What is said of single bands.
+    /// What is said of the bands; their scale, where it is not the user's.
     pub stated: Stated,
     /// What was understood, for `scene info`.
     pub understood: Vec<String>,

@@ -11,12 +11,12 @@
 
 use super::Quantity;
 use super::cube::{BandSource, Cube};
-use camrig_base::{Bands, Error, Plane, Result};
+use super::images::read_page;
+use camrig_base::{Bands, Error, Plane, Result, toml_text};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
-use std::io::{BufReader, BufWriter};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::encoder::compression::DeflateLevel;
 use tiff::encoder::{Compression, TiffEncoder, colortype};
 
@@ -94,9 +94,7 @@ impl Description {
     /// A file that cannot be read or has another format.
     pub fn read(directory: &Path) -> Result<Self> {
         let path = directory.join(DESCRIPTION);
-        let text = std::fs::read_to_string(&path).map_err(|e| Error::io("read", &path, e))?;
-        let description: Self = toml::from_str(&text)
-            .map_err(|e| Error::input(e.to_string().trim_end().to_string()).at(path.display()))?;
+        let description: Self = toml_text::read_file(&path)?;
         if description.format != FORMAT {
             return Err(Error::unsupported(format!("format = {:?}", description.format))
                 .at(path.display())
@@ -185,26 +183,10 @@ impl BandSource for Pages {
     }
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
-        let damaged = |what: String| {
-            Error::input(what)
-                .at(format!("{}, page {band}", self.path.display()))
-                .help("the scene is damaged or cut off; add it to the library again")
-        };
-        let failed = |e: tiff::TiffError| damaged(e.to_string());
-        let file = File::open(&self.path).map_err(|e| Error::io("open", &self.path, e))?;
-        // A page may take the memory of a plane of the size in scene.toml, and no more.
-        let mut limits = Limits::default();
-        limits.decoding_buffer_size = self.size.0.saturating_mul(self.size.1).saturating_mul(4);
-        limits.intermediate_buffer_size = limits.decoding_buffer_size;
-        let mut decoder = Decoder::new(BufReader::new(file)).map_err(failed)?.with_limits(limits);
-        decoder.seek_to_image(band).map_err(failed)?;
         let (width, height) = self.size;
-        match decoder.read_image().map_err(failed)? {
-            DecodingResult::F32(data) if data.len() == width * height => {
-                Ok(Plane { width, height, data })
-            }
-            _ => Err(damaged(format!("the page is no float image of {width} x {height}"))),
-        }
+        let data = read_page(&self.path, band, width.saturating_mul(height))
+            .map_err(|e| e.help("the scene is damaged or cut off; add it to the library again"))?;
+        Ok(Plane { width, height, data })
     }
 }
 

@@ -2,97 +2,11 @@
 //! uncompressed parts of other formats.
 
 use super::cube::BandSource;
+pub use camrig_base::Sample;
 use camrig_base::{Error, Plane, Result};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::PathBuf;
-
-/// Type of the samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Sample {
-    /// Unsigned 8 bit.
-    U8,
-    /// Signed 8 bit.
-    I8,
-    /// Signed 16 bit.
-    I16,
-    /// Unsigned 16 bit.
-    U16,
-    /// Signed 32 bit.
-    I32,
-    /// Unsigned 32 bit.
-    U32,
-    /// Signed 64 bit.
-    I64,
-    /// Unsigned 64 bit.
-    U64,
-    /// IEEE half.
-    F16,
-    /// IEEE single.
-    F32,
-    /// IEEE double.
-    F64,
-}
-
-impl Sample {
-    /// Bytes per sample.
-    pub fn bytes(self) -> usize {
-        match self {
-            Sample::U8 | Sample::I8 => 1,
-            Sample::I16 | Sample::U16 | Sample::F16 => 2,
-            Sample::I32 | Sample::U32 | Sample::F32 => 4,
-            Sample::F64 | Sample::I64 | Sample::U64 => 8,
-        }
-    }
-
-    /// The sample in the first bytes of `raw`, little-endian, as a double.
-    pub fn number(self, raw: &[u8]) -> f64 {
-        match self {
-            Sample::U8 => f64::from(raw[0]),
-            Sample::I8 => f64::from(raw[0].cast_signed()),
-            Sample::I16 => f64::from(i16::from_le_bytes([raw[0], raw[1]])),
-            Sample::U16 => f64::from(u16::from_le_bytes([raw[0], raw[1]])),
-            Sample::F16 => f64::from(half_to_f32(u16::from_le_bytes([raw[0], raw[1]]))),
-            Sample::I32 => f64::from(i32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
-            Sample::U32 => f64::from(u32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
-            Sample::F32 => f64::from(f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]])),
-            Sample::F64 => f64::from_le_bytes(eight(raw)),
-            // Beyond 2⁵³ the nearest double.
-            Sample::I64 => i64::from_le_bytes(eight(raw)) as f64,
-            Sample::U64 => u64::from_le_bytes(eight(raw)) as f64,
-        }
-    }
-
-    /// The sample in the first bytes of `raw`, in either byte order.
-    pub(super) fn read(self, raw: &[u8], big_endian: bool) -> f64 {
-        if !big_endian {
-            return self.number(raw);
-        }
-        let mut swapped = [0; 8];
-        let n = self.bytes();
-        swapped[..n].copy_from_slice(&raw[..n]);
-        swapped[..n].reverse();
-        self.number(&swapped)
-    }
-}
-
-fn eight(raw: &[u8]) -> [u8; 8] {
-    [raw[0], raw[1], raw[2], raw[3], raw[4], raw[5], raw[6], raw[7]]
-}
-
-/// IEEE 754 binary16 to binary32, exact.
-fn half_to_f32(bits: u16) -> f32 {
-    let magnitude = u32::from(bits & 0x7fff);
-    let value = if magnitude >= 0x7c00 {
-        f32::from_bits(0x7f80_0000 | (magnitude & 0x3ff) << 13)
-    } else {
-        // Shift into place and correct the exponent bias by a multiplication, which also
-        // normalises subnormals.
-        f32::from_bits(magnitude << 13) * f32::from_bits((254 - 15) << 23)
-    };
-    if bits & 0x8000 == 0 { value } else { -value }
-}
 
 /// The bytes of a cube.
 #[derive(Clone, Debug)]
@@ -147,6 +61,20 @@ impl Layout {
     }
 }
 
+/// The lengths of the three axes of an array that is called `name`, without further ones of length
+/// 1.
+///
+/// # Errors
+/// Fewer axes, or more.
+pub(super) fn three_axes(name: &str, shape: &[usize]) -> Result<[usize; 3]> {
+    let long = shape.iter().copied().filter(|&n| shape.len() == 3 || n != 1);
+    <[usize; 3]>::try_from(long.collect::<Vec<usize>>()).map_err(|_| {
+        let name = if name.is_empty() { "an array".into() } else { format!("array {name:?}") };
+        Error::input(format!("{name} of shape {shape:?}"))
+            .help("a spectral cube has three axes: rows, columns, bands")
+    })
+}
+
 /// A cube of samples at regular distances.
 #[derive(Clone, Debug)]
 pub struct Strided {
@@ -155,11 +83,10 @@ pub struct Strided {
     sample: Sample,
     big_endian: bool,
     layout: Layout,
-    scale: f32,
 }
 
 impl Strided {
-    /// A cube that begins `offset` bytes into `bytes`; samples are multiplied by `scale`.
+    /// A cube that begins `offset` bytes into `bytes`.
     ///
     /// # Errors
     /// An empty cube, or fewer bytes than it takes.
@@ -169,7 +96,6 @@ impl Strided {
         sample: Sample,
         big_endian: bool,
         layout: Layout,
-        scale: f32,
     ) -> Result<Self> {
         let sizes = [layout.width, layout.height, layout.bands];
         let count = sizes
@@ -193,7 +119,7 @@ impl Strided {
                 Bytes::Memory(_) => error,
             });
         }
-        Ok(Self { bytes, offset, sample, big_endian, layout, scale })
+        Ok(Self { bytes, offset, sample, big_endian, layout })
     }
 }
 
@@ -236,7 +162,7 @@ impl BandSource for Strided {
                 (None, Bytes::File(_)) => &[],
             };
             for (i, sample) in raw.chunks(step * bytes).enumerate() {
-                let value = self.sample.read(sample, self.big_endian) as f32 * self.scale;
+                let value = self.sample.read(sample, self.big_endian) as f32;
                 let (x, y) = if transposed { (line, i) } else { (i, line) };
                 plane.data[y * width + x] = value;
             }
@@ -248,22 +174,6 @@ impl BandSource for Strided {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn halves_are_exact() {
-        for (bits, value) in [
-            (0x3c00, 1.0),
-            (0xc000, -2.0),
-            (0x7bff, 65504.0),
-            (0x0001, 2f32.powi(-24)),
-            (0x03ff, 1023.0 * 2f32.powi(-24)),
-            (0x3555, 0.333_251_95),
-            (0x0000, 0.0),
-        ] {
-            assert_eq!(half_to_f32(bits), value);
-        }
-        assert!(half_to_f32(0x7e00).is_nan() && half_to_f32(0xfc00) == f32::NEG_INFINITY);
-    }
 
     #[test]
     fn every_order_of_axes_gives_the_same_cube() {
@@ -295,10 +205,10 @@ mod tests {
                         .flat_map(|s| if big_endian { s.to_be_bytes() } else { s.to_le_bytes() }),
                 );
                 let bytes = Bytes::Memory(memory);
-                let cube = Strided::new(bytes, 5, Sample::U16, big_endian, layout, 0.5).unwrap();
+                let cube = Strided::new(bytes, 5, Sample::U16, big_endian, layout).unwrap();
                 for band in 0..b {
                     let plane = cube.read(band).unwrap();
-                    let expected = Plane::from_fn(w, h, |x, y| f32::from(value(x, y, band)) * 0.5);
+                    let expected = Plane::from_fn(w, h, |x, y| value(x, y, band).into());
                     assert_eq!(plane, expected, "{axes}");
                 }
             }
@@ -308,7 +218,7 @@ mod tests {
     #[test]
     fn cut_off_data_are_refused() {
         let layout = Layout::packed("yxb", [4, 4, 2]).unwrap();
-        let new = |bytes, layout| Strided::new(bytes, 0, Sample::F32, false, layout, 1.0);
+        let new = |bytes, layout| Strided::new(bytes, 0, Sample::F32, false, layout);
         let message = new(Bytes::Memory(vec![0; 127]), layout).unwrap_err().to_string();
         assert!(message.contains("127 bytes of data where 128"), "{message}");
         let huge = Layout { width: usize::MAX, height: usize::MAX, ..layout };

@@ -1,5 +1,5 @@
-//! What a TIFF says of its bands beside their samples: the tags of GDAL (42112, 42113), ImageJ's
-//! calibration, and how many pictures the descriptions of ImageJ and tifffile announce.
+//! What a TIFF says of its bands apart from their samples: the tags of GDAL (42112, 42113),
+//! ImageJ's calibration, and how many pictures the descriptions of ImageJ and tifffile announce.
 
 use super::arrays::in_nm;
 use super::selection::Stated;
@@ -173,9 +173,8 @@ impl Gdal {
 
     /// Adds what is said to what the file says, where the user does not say otherwise.
     pub(super) fn tell(self, sidecar: &Sidecar, own: &mut Own) -> Result<()> {
-        let scale = sidecar.scale.unwrap_or(1.0);
         let ignored = match &self.no_data {
-            Some(text) => Some(text.parse::<f32>().map(|v| v * scale).map_err(|_| {
+            Some(text) => Some(text.parse::<f32>().map_err(|_| {
                 Error::input(format!("GDAL_NODATA {text:?}")).help("it is a number")
             })?),
             None => None,

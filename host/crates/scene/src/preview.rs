@@ -1,6 +1,7 @@
 //! Previews of scenes: CIE 1931 colour under an illuminant, as sRGB.
 
 use super::{Grid, Quantity, Scene};
+use camrig_base::color::srgb_byte;
 use camrig_base::{Plane, Result};
 use camrig_light::Illuminant;
 use camrig_light::photometry::observer_in_bands;
@@ -72,12 +73,7 @@ pub fn render(scene: &dyn Scene, light: &Illuminant, longest: usize) -> Result<P
 pub fn srgb(xyz: [f64; 3]) -> [u8; 3] {
     SRGB_FROM_XYZ.map(|row| {
         let linear = (row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2]).clamp(0.0, 1.0);
-        let encoded = if linear <= 0.003_130_8 {
-            12.92 * linear
-        } else {
-            1.055 * libm::pow(linear, 1.0 / 2.4) - 0.055
-        };
-        (encoded * 255.0).round() as u8
+        srgb_byte(linear)
     })
 }
 

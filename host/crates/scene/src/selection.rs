@@ -5,16 +5,19 @@ use super::band_source::BandSource;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result};
 
-/// What a file says of its bands beside their samples.
+/// What a file says of its bands beside their samples: the value is `(gain * sample + offset) *
+/// scale`.
 #[derive(Default)]
 pub struct Stated {
-    /// Gain per band: the value is `gain * sample + offset` (ENVI `data gain values`).
+    /// Gain per band (ENVI `data gain values`).
     pub gain: Option<Vec<f64>>,
-    /// Offset per band, in the unit of the value (ENVI `data offset values`).
+    /// Offset per band (ENVI `data offset values`).
     pub offset: Option<Vec<f64>>,
+    /// Scale of all bands: the unit of `gain * sample + offset` in that of the scene.
+    pub scale: Option<f32>,
     /// Whether a band is good (ENVI `bbl`).
     pub good: Option<Vec<bool>>,
-    /// The sample that stands for no data (ENVI `data ignore value`), as the source gives it.
+    /// The sample that stands for no data (ENVI `data ignore value`).
     pub ignored: Option<f32>,
 }
 
@@ -22,6 +25,7 @@ pub struct Stated {
 struct Selection {
     source: Box<dyn BandSource>,
     bands: Vec<Chosen>,
+    scale: f32,
     ignored: Option<f32>,
 }
 
@@ -42,11 +46,12 @@ impl BandSource for Selection {
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
         let Chosen { stored, gain, offset } = self.bands[band];
+        let offset = offset * f64::from(self.scale);
         let mut plane = self.source.read(stored)?;
         for sample in &mut plane.data {
             *sample = match self.ignored {
                 Some(no) if *sample == no || sample.is_nan() && no.is_nan() => 0.0,
-                _ => (gain * f64::from(*sample) + offset) as f32,
+                _ => (gain * f64::from(*sample * self.scale) + offset) as f32,
             };
         }
         Ok(plane)
@@ -143,14 +148,16 @@ pub fn arrange(
     });
     let bands: Vec<Chosen> = bands.collect();
     let wavelength_nm = kept.iter().map(|&band| wavelength_nm[band]).collect();
+    let scale = stated.scale.unwrap_or(1.0);
     let as_stored = kept.iter().copied().eq(0..count)
         && stated.gain.is_none()
         && stated.offset.is_none()
+        && scale == 1.0
         && stated.ignored.is_none();
     let source: Box<dyn BandSource> = if as_stored {
         source
     } else {
-        Box::new(Selection { source, bands, ignored: stated.ignored })
+        Box::new(Selection { source, bands, scale, ignored: stated.ignored })
     };
     Ok(Arranged { source, wavelength_nm, notes })
 }
@@ -205,10 +212,11 @@ mod tests {
             gain: Some(vec![2.0, 0.5, 1.0]),
             offset: Some(vec![0.25, 0.0, 1.0]),
             ignored: Some(2.0),
+            scale: Some(4.0),
             ..Stated::default()
         };
         let found = arranged(&[600.0, 500.0, 400.0], stated).unwrap();
-        assert_eq!(values(&found), [0.0, 0.5, 0.25]);
+        assert_eq!(values(&found), [0.0, 2.0, 1.0]);
         assert!(found.notes[0].contains("samples of 2 (no data)"), "{:?}", found.notes);
     }
 

@@ -11,6 +11,7 @@ use super::lattice::{Lattice, NODES, Place, SIDE};
 use super::smoothest::Domain;
 use super::space::luminance;
 use super::transfer::Transfer;
+use camrig_base::color::srgb_code;
 use camrig_base::{Plane, Result};
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -274,7 +275,7 @@ fn number(own: &[[f64; 3]]) -> u32 {
 /// The code of a component outside the cube, in steps.
 fn rounded(colour: &[f32; 3]) -> [i32; 3] {
     colour.map(|component| {
-        let code = Transfer::srgb_code(f64::from(component));
+        let code = srgb_code(f64::from(component));
         (code / CODE_STEP).round() as i32
     })
 }

@@ -4,6 +4,7 @@ use super::gamut::{difference, reach};
 use super::smoothest::{COUNT, Curve, Domain, Smoothest};
 use super::spectra::Spectra;
 use super::transfer::Transfer;
+use camrig_base::color::srgb_code;
 use camrig_base::table::SpectralTable;
 use camrig_base::{Bands, Spectrum};
 use std::path::{Path, PathBuf};
@@ -229,7 +230,7 @@ fn raw_values_from_srgb_are_near_those_of_measured_reflectances() {
             .filter_map(|curve| {
                 let rgb = smoothest.colour(&curve);
                 let inside = rgb.iter().all(|v| (0.0..=1.0).contains(v));
-                let code = |v: f64| linear((255.0 * Transfer::srgb_code(v)).round());
+                let code = |v: f64| linear((255.0 * srgb_code(v)).round());
                 inside.then(|| (curve, smoothest.solve(rgb.map(code)).values))
             })
             .collect();

@@ -58,17 +58,6 @@ impl Transfer {
         }
     }
 
-    /// The code of linear light on the curve of sRGB, beyond 0 and 1 as [`Self::linear`].
-    pub fn srgb_code(linear: f64) -> f64 {
-        let magnitude = linear.abs();
-        let code = if magnitude <= 0.003_130_8 {
-            12.92 * magnitude
-        } else {
-            1.055 * libm::pow(magnitude, 1.0 / 2.4) - 0.055
-        };
-        code.copysign(linear)
-    }
-
     /// Linear light of a code. Codes outside 0 to 1, which floats may have, follow the curve above
     /// 1 and its reflection below 0.
     pub fn linear(&self, code: f64) -> f64 {

@@ -12,7 +12,7 @@ pub fn said(profile: &[u8]) -> Said {
     let Ok(profile) = ColorProfile::new_from_slice(profile) else {
         return Said::Unknown("an ICC profile that cannot be read".into());
     };
-    // Beside these code points a profile's curves are for those that do not know them.
+    // With these code points, a profile's curves are for programs that do not know them.
     let pq_or_hlg = [TransferCharacteristics::Smpte2084, TransferCharacteristics::Hlg];
     if let Some(code) = profile.cicp
         && pq_or_hlg.contains(&code.transfer_characteristics)

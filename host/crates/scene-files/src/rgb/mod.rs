@@ -39,7 +39,7 @@ use rayon::prelude::*;
 use serde::Deserialize;
 use std::path::Path;
 
-/// Share of pixels that may have a negative luminance, which a renderer's filter leaves beside
+/// Share of pixels that may have a negative luminance, which a renderer's filter leaves next to
 /// highlights; they are black.
 const MAX_NEGATIVE: f64 = 1e-4;
 /// Percentile of Y that is the white of a picture brighter than 1.
@@ -48,7 +48,7 @@ const WHITE_PERCENTILE: usize = 99;
 const PRIMARIES: &str = "srgb, linear-srgb, rec2020, acescg, xyz, display-p3 and adobe-rgb";
 
 /// What the user says of a picture, behind its name. Pictures have no sidecar: a file of the same
-/// name beside a photograph or a render is often another program's.
+/// name next to a photograph or a render is often another program's.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Options {

@@ -17,7 +17,7 @@ pub enum Samples {
     Codes {
         /// The samples.
         data: Vec<u16>,
-        /// The number that stands for 1.
+        /// The number that means 1.
         most: u16,
     },
     /// Real numbers.

@@ -21,7 +21,7 @@ const PREFERRED: [&str; 4] = ["", "combined", "beauty", "rgba"];
 /// Names of layers in which X, Y and Z are directions or places, and no colours.
 const DIRECTIONS: [&str; 8] =
     ["n", "normal", "normals", "p", "position", "vector", "vec", "motion"];
-/// The chromaticities that stand for CIE XYZ in place of primaries.
+/// The chromaticities that mean CIE XYZ.
 const XYZ: [[f32; 2]; 3] = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]];
 
 /// Whether an image has channels of a picture and none of spectra.
@@ -79,7 +79,6 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
         part: chosen.part,
         types,
         channels: chosen.channels.clone(),
-        scale: 1.0,
     };
     let mut data = vec![0.0f32; 3 * size.0 * size.1];
     for colour in 0..3 {

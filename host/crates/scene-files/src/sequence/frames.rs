@@ -12,6 +12,7 @@ use crate::Quantity;
 use crate::cube::{BandSource, Cube};
 use crate::rgb;
 use crate::rgb::picture::{Picture, Said, Samples, about_channels, three};
+use crate::selection::Stated;
 use ::exr::prelude::f16;
 use camrig_base::{Error, Plane, Result};
 use rayon::prelude::*;
@@ -182,7 +183,10 @@ impl Payload {
     fn scene(self) -> Result<Cube> {
         let shape = self.shape.clone();
         match &shape.colour {
-            Colour::Bands(nm) => Cube::new(Box::new(self), nm.clone(), shape.quantity),
+            Colour::Bands(nm) => {
+                let stated = Stated { scale: Some(shape.scale as f32), ..Stated::default() };
+                Cube::stated(Box::new(self), nm, shape.quantity, stated)
+            }
             Colour::Space(space) => {
                 let radiance = shape.quantity == Quantity::Radiance;
                 if !radiance && shape.scale != 1.0 {
@@ -285,8 +289,8 @@ impl BandSource for Payload {
     }
 
     fn read(&self, band: usize) -> Result<Plane<f32>> {
-        let (scale, (width, height)) = (self.shape.scale as f32, self.size());
-        Ok(Plane::from_fn(width, height, |x, y| scale * self.float(self.place(x, y, band))))
+        let (width, height) = self.size();
+        Ok(Plane::from_fn(width, height, |x, y| self.float(self.place(x, y, band))))
     }
 }
 

@@ -39,7 +39,7 @@ impl Default for Reading {
     }
 }
 
-/// Whether `spec` names a sequence, and not one scene that stands still. Nothing of a stream is
+/// Whether `spec` names a sequence, and not a single scene. Nothing of a stream is
 /// read for it.
 ///
 /// # Errors
@@ -62,7 +62,7 @@ pub fn passes_by(spec: &str) -> bool {
     is_stream(spec) || is_video(super::file_and_options(spec).0)
 }
 
-/// Opens what `spec` names as a sequence; none where that is one scene that stands still.
+/// Opens what `spec` names as a sequence; none where that is a single scene.
 ///
 /// # Errors
 /// Those of [`is_sequence`]; a stream that is none, or comes too late.

@@ -1,7 +1,7 @@
 //! A folder whose pictures or cubes are taken while another program writes them, in natural order.
 //!
-//! A file counts once it is complete: its size and time of change stand still from one look to the
-//! next, and it can be read to its end. Files must come in order: one that sorts before another
+//! A file counts once it is complete: its size and time of change stay the same from one look to
+//! the next, and it can be read to its end. Files must come in order: one that sorts before another
 //! that was taken is an error, and numbers go up by one. The sequence ends when a file `end` lies
 //! in the folder and all others are taken, or when for a stated time nothing new has come.
 
@@ -14,8 +14,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Time between two looks. A trade: short beside a frame's rendering, long enough that a writer at
-/// work changes the file in between; what cannot be read is looked at again in any case.
+/// Time between two looks. A trade: short compared with a frame's rendering, long enough that a
+/// writer at work changes the file in between; what cannot be read is tried again in any case.
 const LOOK: Duration = Duration::from_millis(100);
 /// Name of the file that ends a sequence.
 const END: &str = "end";

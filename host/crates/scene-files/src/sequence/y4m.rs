@@ -298,7 +298,7 @@ impl SceneSequence for Video {
         let Some(line) = line(&mut *self.source).map_err(|e| e.at(place()))? else {
             return Ok(None);
         };
-        // Parameters of a frame repeat those of interlacing, which was looked at.
+        // Parameters of a frame repeat those of interlacing, which was checked.
         if line.split(' ').next() != Some(FRAME) {
             return Err(Error::input(format!("{line:?} where a frame begins"))
                 .at(place())

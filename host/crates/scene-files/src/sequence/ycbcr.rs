@@ -59,11 +59,11 @@ pub(super) struct Layout {
     pub siting: Siting,
 }
 
-/// Components of R'G'B' beyond 0 or 1 by more than this are told, for codes of 8 bits: what their
-/// rounding makes of a saturated colour, half a step of Y' and of Cb times the largest factor of it
-/// (1.8814, BT.2020).
+/// Components of R'G'B' beyond 0 or 1 by more than this are reported, for codes of 8 bits: what
+/// their rounding makes of a saturated colour, half a step of Y' and of Cb times the largest factor
+/// of it (1.8814, BT.2020).
 const ROUNDING: f32 = 0.5 / 219.0 + 1.8814 * 0.5 / 224.0;
-/// The code of 16 bits that stands for 1.
+/// The 16-bit code of 1.
 const ONE: f32 = 65535.0;
 
 impl Layout {
