@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-/// What stands between numbers, where a comma may stand in them.
+/// Separators between numbers that may contain a comma.
 const SEPARATORS: [char; 3] = [' ', '\t', ';'];
 
 /// The text with decimal points: unchanged, unless its rows of numbers have decimal commas.
@@ -21,7 +21,7 @@ pub(super) fn with_points(text: &str) -> Cow<'_, str> {
 }
 
 /// Whether rows of two numbers and more have commas between digits, at most one in each number,
-/// and no points. Commas that separate numbers stand alone between them, or at their ends.
+/// and no points. Commas that separate numbers are alone between them, or at their ends.
 fn has_decimal_commas(text: &str) -> bool {
     let (mut commas, mut others) = (false, false);
     for line in text.lines() {

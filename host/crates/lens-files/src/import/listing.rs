@@ -260,7 +260,7 @@ impl PsfListing {
     /// The listing with its field on the y axis: one on the x axis is turned, so that its rows run
     /// from +x to −x.
     fn turned_to_y(self) -> Result<Self> {
-        // Beside a field on one axis the other place is a rounding error.
+        // Where a field is on one axis, the other coordinate is a rounding error.
         const NOTHING: f64 = 1e-6;
         let Some([x, y]) = self.side() else { return Ok(self) };
         if x.abs() <= NOTHING * y.abs() {

@@ -26,13 +26,13 @@
 //! ```
 //!
 //! Listings that cover one wavelength are written `{ file = "grid.txt", wavelength_nm = 550.0 }`;
-//! a single one without a wavelength stands for all, several have those that they state.
+//! a single one without a wavelength holds for all, several have those that they state.
 
 use super::decimals::with_points;
 use super::listing::{self, PsfListing};
 use super::{Table, WAVELENGTH_TOLERANCE_NM, check, check_place, words};
 use camrig_base::Spectrum;
-use camrig_base::{Error, Result, npy};
+use camrig_base::{Error, Result, npy, toml_text};
 use camrig_glass::text::{number, read_text};
 use camrig_optics::{Characterisation, PsfGrid};
 use serde::Deserialize;
@@ -86,8 +86,7 @@ struct PsfEntry {
 /// What is wrong in the manifest or a file it names, with the line.
 pub fn read(path: &Path) -> Result<Characterisation> {
     let text = read_text(path)?;
-    let manifest: Manifest = ::toml::from_str(&text)
-        .map_err(|e| Error::input(e.to_string().trim_end().to_owned()).at(path.display()))?;
+    let manifest: Manifest = toml_text::read(&text).map_err(|e| e.at(path.display()))?;
     if manifest.format != FORMAT {
         return Err(Error::unsupported(format!("format \"{}\"", manifest.format))
             .at(path.display())
@@ -179,7 +178,7 @@ fn tables(dir: &Path, sources: &[Source], manifest: &Manifest) -> Result<Table> 
     Ok(Table { heights, wavelengths, values })
 }
 
-/// The wavelength of a source, nm; 0 where one that is `alone` stands for all.
+/// The wavelength of a source, nm; 0 where one that is `alone` holds for all.
 fn wavelength(text: &str, stated: Option<f64>, alone: bool) -> Result<f64> {
     let own = listing::wavelength_nm(text)?;
     match (stated, own) {

@@ -41,7 +41,7 @@ pub fn import(source: &Path) -> Result<Characterisation> {
 
 /// Refuses tables in another unit than theirs.
 fn check_units(lens: &Characterisation) -> Result<()> {
-    // A lens that is meant for its paraxial heights keeps well within this of them beside the axis.
+    // A lens that is meant for its paraxial heights keeps well within this of them near the axis.
     const MAX_DISTORTED: f64 = 20.0;
     let columns = lens.wavelengths_nm.len();
     let angles = lens.chief_ray_angle_deg.iter().flatten();
@@ -71,7 +71,7 @@ fn check_units(lens: &Characterisation) -> Result<()> {
 pub(super) struct Table {
     /// Heights, mm, strictly rising.
     pub heights: Vec<f64>,
-    /// Wavelengths, nm; a wavelength of 0 stands for all.
+    /// Wavelengths, nm; a wavelength of 0 means all.
     pub wavelengths: Vec<f64>,
     /// `[height][wavelength]`.
     pub values: Vec<f64>,

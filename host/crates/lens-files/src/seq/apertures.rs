@@ -1,5 +1,6 @@
 //! Apertures and obscurations of a surface: `CIR`, `REX` to `ELY`, and where they lie (`ADX`,
-//! `ADY`). Several on one surface are told apart by their kind (`CLR`, `OBS`) and label (`L'A'`).
+//! `ADY`). Several on one surface are distinguished by their kind (`CLR`, `OBS`) and label
+//! (`L'A'`).
 
 use super::lexer::{Kind, Word};
 use super::{first, no_more};
@@ -53,7 +54,7 @@ impl Opening {
     }
 }
 
-/// `ADX` or `ADY`. It may stand before what it moves, so that this is looked up at the end.
+/// `ADX` or `ADY`. It may stand before what it moves, so it is resolved at the end.
 struct Centre {
     /// As it is written.
     text: String,

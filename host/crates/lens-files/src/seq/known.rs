@@ -69,7 +69,7 @@ const REFUSED: &[(&str, &str)] = &[
 pub(super) enum Known {
     /// It does not change the image.
     Harmless,
-    /// It stands for a value that the file gives.
+    /// It solves for a value that the file gives.
     Solve,
     /// It cannot be traced: what it is.
     Refused(&'static str),

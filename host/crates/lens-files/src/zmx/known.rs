@@ -1,12 +1,12 @@
 //! Keywords of `.zmx` files without effect on the image. One that is neither read nor in these
-//! lists is told with its line, since nothing is known of it.
+//! lists is reported with its line, since nothing is known of it.
 //!
 //! From the files of makers and patents that rayoptics (M. Hayford) and optiland (K. Harrison) come
 //! with, the grammar of zmxtools (T. Vettenburg), and the lists of other public readers.
 
 use super::configurations::PLAIN;
 
-/// The system, in front of the surfaces. What stands behind them belongs to the editors of
+/// The system, in front of the surfaces. What follows them belongs to the editors of
 /// configurations, tolerances and merit functions.
 const SYSTEM: &[&[&str]] = &[SET, COPIES, WEIGHTS, COMPUTATION];
 /// The file as a data set: version, author, remarks, language, catalogue number, files of coatings.

@@ -6,7 +6,7 @@
 //! give half widths), telecentric object space, configurations. Refused: other surface types,
 //! spiders and polygons, tilts and decentres of single surfaces' properties, cone angles, afocal
 //! systems. Keywords of editing, drawing, tolerancing and merit functions are ignored (`known.rs`),
-//! others that are not read are told; values that a pickup or solve governs are taken as they
+//! others that are not read are reported; values that a pickup or solve governs are taken as they
 //! stand. Lines of surfaces are known by their keywords too, where their indentation is lost.
 
 mod configurations;
@@ -328,7 +328,7 @@ impl Draft {
             ..Surface::plane(thickness * scale)
         };
         self.shape(&mut surface, scale)?;
-        // A coordinate break stays in the medium in front of it, whatever stands in its line.
+        // A coordinate break stays in the medium in front of it, whatever its line says.
         if surface.form == Form::Break {
             return Ok(surface);
         }

@@ -66,7 +66,7 @@ impl Draft {
         self.parameters.get(i - 1).copied().unwrap_or(0.0)
     }
 
-    /// One over the radius `PARM i`, 1/mm; a radius of 0 stands for a plane.
+    /// One over the radius `PARM i`, 1/mm; a radius of 0 means a plane.
     fn curvature_of(&self, i: usize, scale: f64) -> f64 {
         match self.parameter(i) {
             0.0 => 0.0,
