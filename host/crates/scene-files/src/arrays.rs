@@ -103,7 +103,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let source = arrays.cube(name, shape, &axes)?;
     let bands = source.bands();
     let packed = arrays.packing(name, bands, sidecar, &mut own)?;
-    own.stated = Stated { scale: Some(scale), ..packed };
+    own.stated = Stated { scale, ..packed };
     let wavelengths = wavelengths.filter(|(_, nm)| nm.len() == bands);
     own.understood.extend(wavelengths.iter().map(|(of, _)| format!("wavelengths from {of:?}")));
     own.usual = usual(name, bands);
@@ -347,7 +347,7 @@ impl<'a> Arrays<'a> {
     }
 
     /// Finds what the samples are, by the array's name and unit, and what they are multiplied by.
-    fn quantity(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
+    fn quantity(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<Option<f32>> {
         let mut attributes = self.attributes(name)?;
         let unit = attributes.iter().find_map(unit).filter(|unit| !unit.trim().is_empty());
         own.quantity = units::quantity_of(name, unit.is_some(), sidecar)?;
@@ -356,7 +356,7 @@ impl<'a> Arrays<'a> {
                 attributes.retain(|of| self::unit(of).is_none());
                 units::scale("units", unit, sidecar, own).map_err(|e| e.at(format!("{name:?}")))?
             }
-            None => sidecar.scale.unwrap_or(1.0),
+            None => None,
         };
         attributes.retain(|attribute| !CF.contains(&&*attribute.name));
         if !attributes.is_empty() {

@@ -71,8 +71,9 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let mut own = Own { nm, quantity, other_wavelengths, understood, notes, ..Own::default() };
     let unit = match sidecar.quantity.or(quantity) {
         Some(Quantity::Radiance) => unit_of_radiance(&header, sidecar, &mut own)?,
-        _ => sidecar.scale.unwrap_or(1.0),
+        _ => None,
     };
+    let unit = unit.or(sidecar.scale).unwrap_or(1.0);
     let scale = (f64::from(unit) / reflectance_scale.unwrap_or(1.0)) as f32;
     own.stated = header.stated(scale)?;
     let data = Bytes::File(data);
@@ -82,7 +83,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
 }
 
 /// What makes radiance in the scene's unit of samples with their gains: by the title of the values.
-fn unit_of_radiance(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
+fn unit_of_radiance(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<Option<f32>> {
     if let Some(unit) = header.unit_of_values() {
         return units::scale("z plot titles", unit, sidecar, own);
     }
@@ -90,7 +91,7 @@ fn unit_of_radiance(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result
         return Err(Error::input("the header gives gains of radiance, and not of which unit")
             .help(format!("{STATE_THE_UNIT}; those of ENVI's own make W/m2/sr/um")));
     }
-    Ok(sidecar.scale.unwrap_or(1.0))
+    Ok(None)
 }
 
 fn sample_of(header: &Header) -> Result<Sample> {

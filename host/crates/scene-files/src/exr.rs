@@ -95,7 +95,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let left = cubes.iter().flat_map(|cube| &cube.bands).count();
     let header = &meta.headers[chosen.part];
     let mut own = about(&chosen, header, left, &others, sidecar)?;
-    own.stated.scale = Some(scale(header, sidecar, &mut own)?);
+    own.stated.scale = scale(header, sidecar, &mut own)?;
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
     own.nm = Some(nm);
     let (window, note) = Window::of(path, header, 1, MAX_PIXELS)?.whole_part();
@@ -202,16 +202,16 @@ fn emissive_unit(header: &Header) -> Option<String> {
 }
 
 /// What samples are multiplied by: radiance, as its unit demands.
-fn scale(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
+fn scale(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<Option<f32>> {
     match (emissive_unit(header), sidecar.quantity.or(own.quantity)) {
         (Some(unit), Some(Quantity::Radiance)) if unit == LAYOUT_UNIT => {
             own.notes.push(format!("emissiveUnits {unit:?} is per nm in this layout"));
-            Ok(sidecar.scale.unwrap_or(1.0))
+            Ok(None)
         }
         (Some(unit), Some(Quantity::Radiance)) => {
             units::scale("emissiveUnits", &unit, sidecar, own)
         }
-        _ => Ok(sidecar.scale.unwrap_or(1.0)),
+        _ => Ok(None),
     }
 }
 

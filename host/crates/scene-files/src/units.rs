@@ -34,12 +34,13 @@ pub fn quantity_of(name: &str, has_unit: bool, sidecar: &Sidecar) -> Result<Opti
     Ok(named)
 }
 
-/// What samples are multiplied by: the user's scale, else as their `unit` demands, which is
-/// `said_by` a file. A unit of radiance makes radiance of what nothing else says.
+/// What samples are multiplied by, as their `unit` demands, which is `said_by` a file; `None` where
+/// that is 1, or the user says the scale. A unit of radiance makes radiance of what nothing else
+/// says.
 ///
 /// # Errors
 /// A unit that is not understood, or is not one of what the samples are.
-pub fn scale(said_by: &str, unit: &str, sidecar: &Sidecar, own: &mut Own) -> Result<f32> {
+pub fn scale(said_by: &str, unit: &str, sidecar: &Sidecar, own: &mut Own) -> Result<Option<f32>> {
     let parsed = Unit::parse(unit);
     let quantity = sidecar.quantity.or(own.quantity);
     let factor = match (&parsed, quantity) {
@@ -52,14 +53,14 @@ pub fn scale(said_by: &str, unit: &str, sidecar: &Sidecar, own: &mut Own) -> Res
         _ => None,
     };
     match (factor, sidecar.scale) {
-        (Some(1.0), scale) => Ok(scale.unwrap_or(1.0)),
-        (_, Some(scale)) => {
+        (Some(1.0), _) => Ok(None),
+        (_, Some(_)) => {
             own.notes.push(format!("{said_by} {unit:?} gives way to the scale given"));
-            Ok(scale)
+            Ok(None)
         }
         (Some(factor), None) => {
             own.understood.push(format!("samples times {factor}, as {said_by} {unit:?} says"));
-            Ok(factor as f32)
+            Ok(Some(factor as f32))
         }
         (None, None) => {
             let kind = match quantity {
@@ -160,12 +161,12 @@ mod tests {
             scale("units", unit, &sidecar, &mut own).map(|scale| (scale, own.quantity))
         };
         let (radiance, reflectance) = (Some(Quantity::Radiance), Some(Quantity::Reflectance));
-        assert_eq!(of("uW/cm^2/SR/nm", radiance, "").unwrap(), (0.01, radiance));
-        assert_eq!(of("W/m2/sr/um", None, "").unwrap(), (0.001, radiance));
-        assert_eq!(of("%", None, "").unwrap(), (0.01, None));
-        assert_eq!(of("%", reflectance, "").unwrap(), (0.01, reflectance));
-        assert_eq!(of("DN", radiance, "unit=W/m2/sr/um").unwrap().0, 0.001);
-        assert_eq!(of("DN", None, "scale=0.5").unwrap(), (0.5, None));
+        assert_eq!(of("uW/cm^2/SR/nm", radiance, "").unwrap(), (Some(0.01), radiance));
+        assert_eq!(of("W/m2/sr/um", None, "").unwrap(), (Some(0.001), radiance));
+        assert_eq!(of("%", None, "").unwrap(), (Some(0.01), None));
+        assert_eq!(of("%", reflectance, "").unwrap(), (Some(0.01), reflectance));
+        assert_eq!(of("DN", radiance, "unit=W/m2/sr/um").unwrap().0, None);
+        assert_eq!(of("DN", None, "scale=0.5").unwrap(), (None, None));
         for (unit, quantity) in [
             ("DN", radiance),
             ("DN", None),
