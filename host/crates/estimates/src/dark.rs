@@ -1,0 +1,182 @@
+//! Dark current and its pattern, hot pixels, offsets from frame to frame: the dark stacks over
+//! exposure.
+
+use super::bias::Bias;
+use super::robust::{Sorted, clipped_mean, mean, median, variance};
+use super::torn::{Torn, holds};
+use super::{Estimate, Sites, Stack};
+use camrig_base::tails::chi_square;
+
+/// Gain that is assumed where no flat stack tells it: only weights depend on it, DN per electron.
+pub(crate) const ASSUMED_GAIN: f64 = 0.27;
+/// Widths of the core above the median from which a pixel is hot.
+const HOT: f64 = 6.0;
+/// Robust standard deviations at which maps are clipped.
+const CLIP: f64 = 3.0;
+
+/// The mean maps of the exposed dark stacks, without torn rows.
+pub(crate) struct Exposed {
+    width: usize,
+    stacks: Vec<Mean>,
+}
+
+struct Mean {
+    exposure_s: f64,
+    /// NaN in rows of which no frame is left.
+    map: Vec<f64>,
+    /// Frames left of each row.
+    counts: Vec<usize>,
+}
+
+impl Exposed {
+    /// Of those with an exposure above 0.
+    pub(crate) fn read(darks: &[&Stack], torn: &[Torn]) -> Self {
+        let stacks = darks.iter().filter(|s| s.exposure_s > 0.0).map(|stack| {
+            let (map, counts) = stack.mean_map(holds(torn, stack));
+            Mean { exposure_s: stack.exposure_s, map, counts }
+        });
+        Self { width: darks.first().map_or(0, |s| s.size().0), stacks: stacks.collect() }
+    }
+}
+
+/// What the dark stacks show over exposure. Rates are DN/s.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct DarkCurrent {
+    /// Of the median pixel.
+    pub median: Estimate,
+    /// Of the mean over pixels, hot ones included.
+    pub mean: Estimate,
+    /// Of the mean over pixels, clipped.
+    pub clipped_mean: Estimate,
+    /// Of the median pixel at each site.
+    pub median_by_site: Vec<Estimate>,
+    /// Variance over pixels, from the lower half.
+    pub pattern_variance: Estimate,
+    /// Rate from which a pixel is hot.
+    pub hot_threshold: f64,
+    /// Share of hot pixels.
+    pub hot_share: Estimate,
+    /// Mean rate of hot pixels above the threshold; none of three or fewer.
+    pub hot_excess: Option<Estimate>,
+    /// Level of the lines at exposure 0, less the bias, DN.
+    pub intercept_above_bias: Estimate,
+    pub(crate) rates: Vec<f64>,
+}
+
+impl DarkCurrent {
+    /// A weighted line over exposure with a free intercept through the mean maps of each pixel;
+    /// none of fewer than two exposed stacks.
+    pub(crate) fn of(
+        exposed: &Exposed,
+        bias: &Bias,
+        sites: Sites,
+        dn_per_e: Option<f64>,
+    ) -> Option<Self> {
+        if exposed.stacks.len() < 2 {
+            return None;
+        }
+        let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
+        let width = exposed.width;
+        let noise = |stack: &Mean| {
+            let charge = stack.map.iter().zip(&bias.map).map(|(m, b)| m - b);
+            let known: Vec<f64> = charge.filter(|v| !v.is_nan()).collect();
+            bias.clipped_variance + gain * clipped_mean(known, CLIP).value.max(0.0)
+        };
+        let noises: Vec<f64> = exposed.stacks.iter().map(noise).collect();
+        let (mut rates, mut intercepts, mut variances) = (Vec::new(), Vec::new(), Vec::new());
+        for p in 0..bias.map.len() {
+            let points = exposed.stacks.iter().zip(&noises).filter(|(s, _)| !s.map[p].is_nan());
+            let points = points
+                .map(|(s, noise)| (s.exposure_s, s.map[p], s.counts[p / width] as f64 / noise));
+            let (w, wt, wm) = points
+                .clone()
+                .fold((0.0, 0.0, 0.0), |(w, wt, wm), (t, m, k)| (w + k, wt + k * t, wm + k * m));
+            let (t0, m0) = (wt / w, wm / w);
+            let (num, den) = points.fold((0.0, 0.0), |(num, den), (t, m, k)| {
+                (num + k * (t - t0) * m, den + k * (t - t0) * (t - t0))
+            });
+            rates.push(num / den);
+            intercepts.push(m0 - num / den * t0 - bias.map[p]);
+            variances.push(1.0 / den);
+        }
+        let own = mean(&variances).value;
+        let sorted = Sorted::new(rates.iter().copied());
+        let middle = sorted.estimate(0.5);
+        let core = sorted.lower_sd();
+        let hot_threshold = middle.value + HOT * core.value.max(own.sqrt());
+        let hot: Vec<f64> = rates.iter().copied().filter(|r| *r > hot_threshold).collect();
+        let pixels = rates.len() as f64;
+        let count = hot.len() as f64;
+        let excess: Vec<f64> = hot.iter().map(|r| r - hot_threshold).collect();
+        let by_site = sites.split(&rates, width).into_iter();
+        Some(Self {
+            median: middle,
+            mean: mean(&rates),
+            clipped_mean: clipped_mean(rates.clone(), CLIP),
+            median_by_site: by_site.map(|r| Sorted::new(r).estimate(0.5)).collect(),
+            pattern_variance: Estimate {
+                value: (core.value.powi(2) - own).max(0.0),
+                error: 2.0 * core.value * core.error,
+            },
+            hot_threshold,
+            hot_share: Estimate { value: count / pixels, error: count.max(1.0).sqrt() / pixels },
+            hot_excess: (hot.len() > 3).then(|| mean(&excess)),
+            intercept_above_bias: clipped_mean(intercepts, CLIP),
+            rates,
+        })
+    }
+
+    /// Quantile over pixels of the rate, DN/s.
+    pub fn quantile(&self, p: f64) -> f64 {
+        Sorted::new(self.rates.iter().copied()).quantile(p)
+    }
+}
+
+/// Offsets from frame to frame, pooled over the dark stacks.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameOffsets {
+    /// Normal deviate of their variance over that of the pixels and rows alone.
+    pub deviation: f64,
+    /// Their standard deviation beyond that, DN.
+    pub sd_dn: f64,
+}
+
+impl FrameOffsets {
+    /// Of the frames that are not torn; none where no stack has two of them.
+    pub(crate) fn of(
+        darks: &[&Stack],
+        torn: &[Torn],
+        bias: &Bias,
+        dn_per_e: Option<f64>,
+    ) -> Option<Self> {
+        let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
+        let (width, height) = darks.first()?.size();
+        let (mut dof, mut ratio, mut beyond) = (0.0, 0.0, 0.0);
+        for stack in darks {
+            let whole = |i: &usize| !torn.iter().any(|t| t.stack == stack.id && t.frame == *i);
+            let frames: Vec<usize> = (0..stack.frames.len()).filter(whole).collect();
+            if frames.len() < 2 {
+                continue;
+            }
+            let (map, _) = stack.mean_map(|i, _| frames.contains(&i));
+            let level = |i: &usize| {
+                let rest = stack.values(*i).iter().zip(&map).map(|(v, m)| v - m).collect();
+                clipped_mean(rest, 4.0).value
+            };
+            let offsets = variance(&frames.iter().map(level).collect::<Vec<_>>());
+            let charge = (median(map) - median(bias.map.clone())).max(0.0);
+            let pixels = bias.clipped_variance + gain * charge;
+            let expected = pixels / (width * height) as f64
+                + bias.row_variance.value.max(0.0) / height as f64;
+            let own = frames.len() as f64 - 1.0;
+            dof += own;
+            ratio += own * offsets / expected;
+            beyond += own * (offsets - expected);
+        }
+        (dof > 0.0).then(|| Self {
+            deviation: chi_square(ratio / dof, dof),
+            sd_dn: (beyond / dof).max(0.0).sqrt(),
+        })
+    }
+}

@@ -1,0 +1,460 @@
+//! Flicker of the light, gain, PRNU and defective columns: of a flat stack.
+
+use super::bias::Bias;
+use super::robust::{clip, jackknife, mad_sd, mean, median};
+use super::{Estimate, Sites, Stack};
+use camrig_linear::{Matrix, inverse};
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// Deviation of a column from its neighbours in robust standard deviations, and at least, from
+/// which it is defective.
+const DEFECTIVE: f64 = 8.0;
+const MIN_DEFECT: f64 = 0.05;
+/// The power of flicker over the median power from which it is fitted, and the scatter of rows
+/// from which it is fitted in any case.
+const MIN_POWER: f64 = 30.0;
+const MIN_ROWS: f64 = 0.02;
+/// Half the side of the square whose mean is removed from gain maps, pixels.
+const REACH: usize = 4;
+
+/// What a flat stack shows.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Flat {
+    /// The stack.
+    pub stack: String,
+    /// The strongest frequency over rows.
+    pub flicker: Flicker,
+    /// Standard deviation of the logarithm of the light from frame to frame.
+    pub frame_sd: Estimate,
+    /// Gain and PRNU of each site.
+    pub sites: Vec<Site>,
+    /// Correlation of the gain of neighbours: to the right, below, two to the right, two below.
+    pub gain_correlation: [Estimate; 4],
+    /// Columns whose gain departs from that of their neighbours.
+    pub defective_columns: Vec<usize>,
+}
+
+/// The strongest frequency of the light over rows.
+#[derive(Clone, Copy, Debug)]
+pub struct Flicker {
+    /// Its power over the median of all frequencies.
+    pub power_ratio: f64,
+    /// Cycles per row, and amplitude relative to the mean after integration over the exposure; not
+    /// fitted where nothing stands out.
+    pub fit: Option<[Estimate; 2]>,
+}
+
+/// Of the pixels at one site.
+#[derive(Clone, Copy, Debug)]
+pub struct Site {
+    /// Level above black, DN.
+    pub level: Estimate,
+    /// Temporal variance over the level, without the read noise: DN per electron.
+    pub gain: Estimate,
+    /// Variance over pixels of the relative gain, without what is smooth over nine pixels.
+    pub prnu_variance: Estimate,
+}
+
+impl Flat {
+    /// Of a stack of two frames or more, with the bias of the same gain.
+    pub fn of(stack: &Stack, bias: &Bias, sites: Sites) -> Self {
+        let (width, height) = stack.size();
+        let frames: Vec<Vec<f64>> = (0..stack.frames.len())
+            .into_par_iter()
+            .map(|i| stack.values(i).iter().zip(&bias.map).map(|(v, m)| v - m).collect())
+            .collect();
+        let n = frames.len() as f64;
+        let (lines, levels) = row_logarithms(&frames, width);
+        let frame_sd = super::robust::variance(&levels).sqrt();
+        let whole = [width, height];
+        let maps: Vec<SiteMaps> =
+            (0..sites.count()).map(|s| SiteMaps::of(&frames, whole, sites, s)).collect();
+        let mut halves = [0, 1].map(|half| assemble(&maps, half, whole, sites));
+        let defective_columns = defective(&halves, width);
+        for map in &mut halves {
+            for row in map.chunks_mut(width) {
+                defective_columns.iter().for_each(|x| row[*x] = 0.0);
+            }
+            clip(map, 5.0);
+            remove_local_mean(map, width);
+        }
+        let products = |dx: usize, dy: usize| products(&halves, width, dx, dy);
+        let whole_product = mean(&products(0, 0)).value.max(1e-9);
+        let correlation = |(dx, dy)| {
+            let lag = mean(&products(dx, dy));
+            Estimate { value: lag.value / whole_product, error: lag.error / whole_product }
+        };
+        let used = |x: usize| !defective_columns.contains(&x);
+        let by_site = maps.iter().enumerate().map(|(s, maps)| {
+            let own = products(0, 0).into_iter().enumerate();
+            let own = own.filter(|(p, _)| used(p % width) && sites.of(p % width, p / width) == s);
+            let product = mean(&own.map(|(_, v)| v).collect::<Vec<_>>());
+            // The mean over the square contains the pixel itself.
+            let kept = 1.0 - 1.0 / ((2 * REACH + 1) * (2 * REACH + 1)) as f64;
+            Site {
+                level: maps.level,
+                gain: maps.gain(bias.clipped_variance),
+                prnu_variance: Estimate {
+                    value: product.value / kept,
+                    error: product.error / kept,
+                },
+            }
+        });
+        Self {
+            stack: stack.id.clone(),
+            flicker: Flicker::of(&lines),
+            frame_sd: Estimate { value: frame_sd, error: frame_sd / (2.0 * (n - 1.0)).sqrt() },
+            sites: by_site.collect(),
+            gain_correlation: [(1, 0), (0, 1), (2, 0), (0, 2)].map(correlation),
+            defective_columns,
+        }
+    }
+}
+
+/// The logarithm of the row means of each frame over those of the mean frame, and its mean over
+/// rows, which is taken off.
+fn row_logarithms(frames: &[Vec<f64>], width: usize) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let rows = |frame: &Vec<f64>| -> Vec<f64> {
+        let of = |row: &[f64]| (row.iter().sum::<f64>() / width as f64).max(1.0);
+        frame.chunks(width).map(of).collect()
+    };
+    let means: Vec<Vec<f64>> = frames.iter().map(rows).collect();
+    let height = means[0].len();
+    let average = |y: usize| means.iter().map(|frame| frame[y]).sum::<f64>() / means.len() as f64;
+    let average: Vec<f64> = (0..height).map(average).collect();
+    let mut levels = Vec::new();
+    let lines = means.iter().map(|frame| {
+        let line: Vec<f64> = frame.iter().zip(&average).map(|(v, a)| libm::log(v / a)).collect();
+        let level = line.iter().sum::<f64>() / height as f64;
+        levels.push(level);
+        line.iter().map(|v| v - level).collect()
+    });
+    (lines.collect(), levels)
+}
+
+impl Flicker {
+    /// The phase of each frame is free, the frequency one for all.
+    fn of(lines: &[Vec<f64>]) -> Self {
+        let height = lines[0].len();
+        let (first, step) = (1.0 / height as f64, 0.1 / height as f64);
+        let count = ((0.5 - first) / step).ceil() as usize;
+        let powers: Vec<f64> =
+            (0..count).into_par_iter().map(|k| power(lines, first + k as f64 * step)).collect();
+        let strongest = (0..count).max_by(|a, b| powers[*a].total_cmp(&powers[*b])).unwrap_or(0);
+        let power_ratio = powers[strongest] / median(powers.clone());
+        let squares = lines.iter().flatten().map(|v| v * v).sum::<f64>();
+        let rows_sd = (squares / (lines.len() * height) as f64).sqrt();
+        let fit = (power_ratio > MIN_POWER || rows_sd > MIN_ROWS).then(|| {
+            let fit = |lines: &[&Vec<f64>]| fit(lines, first + strongest as f64 * step);
+            let [frequency, depth] = fit(&lines.iter().collect::<Vec<_>>());
+            let without = |i: usize| {
+                let rest = lines.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, l)| l);
+                fit(&rest.collect::<Vec<_>>())
+            };
+            let left_out: Vec<[f64; 2]> = (0..lines.len()).into_par_iter().map(without).collect();
+            let error = |figure: usize| jackknife(lines.len(), |i| left_out[i][figure]);
+            [
+                Estimate { value: frequency, error: error(0) },
+                Estimate { value: depth, error: error(1) },
+            ]
+        });
+        Self { power_ratio, fit }
+    }
+}
+
+/// Sum over frames of the power at a frequency in cycles per row.
+fn power(lines: &[Vec<f64>], frequency: f64) -> f64 {
+    let wave: Vec<[f64; 2]> = (0..lines[0].len())
+        .map(|y| {
+            let phase = TAU * frequency * y as f64;
+            [libm::cos(phase), libm::sin(phase)]
+        })
+        .collect();
+    let of_line = |line: &Vec<f64>| {
+        let [re, im] = line
+            .iter()
+            .zip(&wave)
+            .fold([0.0, 0.0], |[re, im], (v, [c, s])| [re + v * c, im + v * s]);
+        re * re + im * im
+    };
+    lines.iter().map(of_line).sum()
+}
+
+/// Frequency and root mean square amplitude of the waves, one per line, that leave the least
+/// squares.
+fn fit(lines: &[&Vec<f64>], near: f64) -> [f64; 2] {
+    /// Points of a search, and how often it narrows by fifteen.
+    const POINTS: usize = 31;
+    const ROUNDS: usize = 3;
+    let height = lines[0].len();
+    let (mut low, mut high) = (near - 0.5 / height as f64, near + 0.5 / height as f64);
+    let mut best = (f64::INFINITY, near, 0.0);
+    for _ in 0..ROUNDS {
+        let step = (high - low) / (POINTS - 1) as f64;
+        for k in 0..POINTS {
+            let frequency = low + k as f64 * step;
+            let (left, amplitude) = amplitudes(lines, frequency);
+            if left < best.0 {
+                best = (left, frequency, amplitude);
+            }
+        }
+        (low, high) = (best.1 - step, best.1 + step);
+    }
+    let n = lines.len() as f64;
+    // The mean over frames was taken off each line.
+    [best.1, (best.2 / n * n / (n - 1.0).max(1.0)).sqrt()]
+}
+
+/// What waves of a frequency leave of the lines' squares, and the sum of their squared amplitudes.
+fn amplitudes(lines: &[&Vec<f64>], frequency: f64) -> (f64, f64) {
+    let height = lines[0].len();
+    let design: Vec<[f64; 3]> = (0..height)
+        .map(|y| {
+            let phase = TAU * frequency * y as f64;
+            [libm::cos(phase), libm::sin(phase), 1.0]
+        })
+        .collect();
+    let normal = Matrix::from_fn(3, 3, |i, j| design.iter().map(|d| d[i] * d[j]).sum());
+    let Some(inverse) = inverse(normal) else { return (f64::INFINITY, 0.0) };
+    let (mut left, mut amplitude) = (0.0, 0.0);
+    for line in lines {
+        let mut right = [0.0; 3];
+        let mut squares = 0.0;
+        for (v, d) in line.iter().zip(&design) {
+            squares += v * v;
+            (0..3).for_each(|i| right[i] += v * d[i]);
+        }
+        let c: Vec<f64> =
+            (0..3).map(|i| (0..3).map(|j| inverse[(i, j)] * right[j]).sum()).collect();
+        left += squares - (0..3).map(|i| c[i] * right[i]).sum::<f64>();
+        amplitude += c[0] * c[0] + c[1] * c[1];
+    }
+    (left, amplitude)
+}
+
+/// The pixels of one site.
+struct SiteMaps {
+    width: usize,
+    level: Estimate,
+    /// Temporal variance over the level, for each pixel.
+    variance_ratio: Vec<f64>,
+    mean_level: f64,
+    /// Relative gain less 1, of even and of odd frames.
+    gains: [Vec<f64>; 2],
+}
+
+impl SiteMaps {
+    fn of(frames: &[Vec<f64>], [width, _]: [usize; 2], sites: Sites, site: usize) -> Self {
+        let (first_x, first_y) = (site % sites.across, site / sites.across);
+        let own: Vec<Vec<f64>> = frames
+            .iter()
+            .map(|frame| {
+                let rows = frame.chunks(width).skip(first_y).step_by(sites.down);
+                rows.flat_map(|row| row.iter().skip(first_x).step_by(sites.across))
+                    .copied()
+                    .collect()
+            })
+            .collect();
+        let columns = (width - first_x).div_ceil(sites.across);
+        let n = own.len() as f64;
+        // The light of each row in each frame, over its mean: flicker is not noise.
+        let of_rows = |frame: &Vec<f64>| -> Vec<f64> {
+            frame.chunks(columns).map(|r| r.iter().sum::<f64>() / columns as f64).collect()
+        };
+        let mut light: Vec<Vec<f64>> = own.iter().map(of_rows).collect();
+        for y in 0..light[0].len() {
+            let average = light.iter().map(|f| f[y]).sum::<f64>() / n;
+            light.iter_mut().for_each(|f| f[y] /= average);
+        }
+        let gain_of = |takes: fn(usize) -> bool| -> Vec<f64> {
+            let taken = || own.iter().zip(&light).enumerate().filter(|(i, _)| takes(*i));
+            (0..own[0].len())
+                .map(|p| {
+                    let signal: f64 = taken().map(|(_, (f, _))| f[p]).sum();
+                    signal / taken().map(|(_, (_, l))| l[p / columns]).sum::<f64>()
+                })
+                .collect()
+        };
+        let gain = gain_of(|_| true);
+        let average: Vec<f64> =
+            (0..gain.len()).map(|p| own.iter().map(|f| f[p]).sum::<f64>() / n).collect();
+        let dof = (n - 1.0) * (columns as f64 - 1.0) / columns as f64;
+        let ratio = |p: usize| {
+            let squares: f64 = own
+                .iter()
+                .zip(&light)
+                .map(|(f, l)| (f[p] - l[p / columns] * gain[p]).powi(2))
+                .sum();
+            squares / dof / average[p].max(1.0)
+        };
+        let variance_ratio = (0..gain.len()).map(ratio).collect();
+        let frame_means: Vec<f64> =
+            own.iter().map(|f| libm::log(mean(f).value.max(1.0))).collect();
+        let mean_level = mean(&average).value;
+        let relative = |mut gain: Vec<f64>| {
+            for row in gain.chunks_mut(columns) {
+                let middle = median(row.to_vec());
+                row.iter_mut().for_each(|v| *v /= middle);
+            }
+            let smooth = smooth(&without_defective(&gain, columns), columns);
+            gain.iter().zip(smooth).map(|(g, s)| g / s - 1.0).collect()
+        };
+        Self {
+            width: columns,
+            level: Estimate { value: mean_level, error: mean_level * mean(&frame_means).error },
+            variance_ratio,
+            mean_level: mean(&average.iter().map(|v| v.max(1.0)).collect::<Vec<_>>()).value,
+            gains: [relative(gain_of(|i| i % 2 == 0)), relative(gain_of(|i| i % 2 == 1))],
+        }
+    }
+
+    /// Noisy pixels count with six times the median at most.
+    fn gain(&self, read_variance: f64) -> Estimate {
+        let most = 6.0 * median(self.variance_ratio.clone());
+        let kept: Vec<f64> = self.variance_ratio.iter().map(|v| v.min(most)).collect();
+        let Estimate { value, error } = mean(&kept);
+        Estimate { value: value - read_variance / self.mean_level, error }
+    }
+}
+
+/// The gain map of a half of the frames over the whole sensor.
+fn assemble(
+    maps: &[SiteMaps],
+    half: usize,
+    [width, height]: [usize; 2],
+    sites: Sites,
+) -> Vec<f64> {
+    let at = |p: usize| {
+        let (x, y) = (p % width, p / width);
+        let map = &maps[sites.of(x, y)];
+        map.gains[half][(y / sites.down) * map.width + x / sites.across]
+    };
+    (0..width * height).map(at).collect()
+}
+
+/// Columns whose median gain departs from that of all.
+fn defective(halves: &[Vec<f64>; 2], width: usize) -> Vec<usize> {
+    let column = |x: usize| {
+        let [a, b] = [0, 1].map(|h: usize| halves[h].iter().skip(x).step_by(width));
+        median(a.zip(b).map(|(a, b)| 0.5 * (a + b)).collect())
+    };
+    let gains: Vec<f64> = (0..width).map(column).collect();
+    let centre = median(gains.clone());
+    let limit = (DEFECTIVE * mad_sd(&gains)).max(MIN_DEFECT);
+    (0..width).filter(|x| (gains[*x] - centre).abs() > limit).collect()
+}
+
+/// Columns that depart from the running median of columns replaced by it, so that they do not bend
+/// the smooth model.
+fn without_defective(gain: &[f64], width: usize) -> Vec<f64> {
+    /// Columns on each side.
+    const NEAR: usize = 3;
+    /// Least departure of a column to be replaced.
+    const LEAST: f64 = 0.04;
+    let column = |x: usize| median(gain.iter().skip(x).step_by(width).copied().collect());
+    let columns: Vec<f64> = (0..width).map(column).collect();
+    let around = |x: usize| {
+        let offsets = 0..=2 * NEAR;
+        let near =
+            offsets.map(|k| columns[mirrored(x as isize + k as isize - NEAR as isize, width)]);
+        median(near.collect())
+    };
+    let running: Vec<f64> = (0..width).map(around).collect();
+    let ratios: Vec<f64> = columns.iter().zip(&running).map(|(c, r)| c / r).collect();
+    let limit = (DEFECTIVE * mad_sd(&ratios)).max(LEAST);
+    let mut filled = gain.to_vec();
+    for x in (0..width).filter(|x| (ratios[*x] - 1.0).abs() > limit) {
+        filled.iter_mut().skip(x).step_by(width).for_each(|v| *v = running[x]);
+    }
+    filled
+}
+
+/// An index mirrored at the first and the last of `n`.
+fn mirrored(i: isize, n: usize) -> usize {
+    let last = n as isize - 1;
+    let i = if i < 0 { -i } else { i };
+    (if i > last { 2 * last - i } else { i }).clamp(0, last) as usize
+}
+
+/// Legendre polynomials up to degree four along each side, fewer on short ones, by least squares.
+fn smooth(map: &[f64], width: usize) -> Vec<f64> {
+    let height = map.len() / width;
+    let (along_x, along_y) = (Polynomials::over(width), Polynomials::over(height));
+    let (nx, ny) = (along_x.count(), along_y.count());
+    // Σ Y map X, then both normal matrices.
+    let mut sums = Matrix::zeros(ny, nx);
+    for (row, y) in map.chunks(width).zip(&along_y.values) {
+        for i in 0..nx {
+            let along = row.iter().zip(&along_x.values).map(|(v, x)| v * x[i]).sum::<f64>();
+            (0..ny).for_each(|j| sums[(j, i)] += y[j] * along);
+        }
+    }
+    let coefficients = along_y.normal_inverse() * sums * along_x.normal_inverse();
+    let rows = along_y.values.iter().flat_map(|y| {
+        let of_row: Vec<f64> =
+            (0..nx).map(|i| (0..ny).map(|j| y[j] * coefficients[(j, i)]).sum()).collect();
+        along_x.values.iter().map(move |x| x.iter().zip(&of_row).map(|(x, c)| x * c).sum::<f64>())
+    });
+    rows.collect()
+}
+
+/// Legendre polynomials at evenly spaced places from -1 to 1.
+struct Polynomials {
+    values: Vec<Vec<f64>>,
+}
+
+impl Polynomials {
+    fn over(n: usize) -> Self {
+        let degree = (n / 12).clamp(1, 4);
+        let at = |i: usize| {
+            let t = -1.0 + 2.0 * i as f64 / (n as f64 - 1.0);
+            let mut p = vec![1.0, t];
+            for k in 1..degree {
+                let k_ = k as f64;
+                p.push(((2.0 * k_ + 1.0) * t * p[k] - k_ * p[k - 1]) / (k_ + 1.0));
+            }
+            p
+        };
+        Self { values: (0..n).map(at).collect() }
+    }
+
+    fn count(&self) -> usize {
+        self.values[0].len()
+    }
+
+    fn normal_inverse(&self) -> Matrix {
+        let n = self.count();
+        let normal = Matrix::from_fn(n, n, |i, j| self.values.iter().map(|p| p[i] * p[j]).sum());
+        inverse(normal).expect("polynomials are independent")
+    }
+}
+
+/// Takes the mean of the square around each pixel off it, edges mirrored.
+fn remove_local_mean(map: &mut [f64], width: usize) {
+    let height = map.len() / width;
+    let side = 2 * REACH + 1;
+    let running = |n: usize, at: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        let around =
+            |i: usize| (0..side).map(move |k| mirrored((i + k) as isize - REACH as isize, n));
+        (0..n).map(|i| around(i).map(at).sum::<f64>() / side as f64).collect()
+    };
+    let along: Vec<f64> = map.chunks(width).flat_map(|row| running(width, &|x| row[x])).collect();
+    for x in 0..width {
+        let column = running(height, &|y| along[y * width + x]);
+        column.iter().enumerate().for_each(|(y, m)| map[y * width + x] -= m);
+    }
+}
+
+/// Products of the maps of even and odd frames at a distance, in which noise does not count.
+fn products([a, b]: &[Vec<f64>; 2], width: usize, dx: usize, dy: usize) -> Vec<f64> {
+    let height = a.len() / width;
+    let pairs = (0..height - dy).flat_map(|y| (0..width - dx).map(move |x| (x, y)));
+    pairs
+        .map(|(x, y)| {
+            let (here, there) = (y * width + x, (y + dy) * width + x + dx);
+            0.5 * (a[here] * b[there] + b[here] * a[there])
+        })
+        .collect()
+}

@@ -1,0 +1,143 @@
+//! Estimates of what a sensor does, each from the statistic that shows it: gain from the variance
+//! over the mean, dark current from the means over exposure, row noise from the row means.
+//!
+//! [`estimate`] takes the dark and flat stacks of one gain and returns [`Estimates`]. Each figure
+//! has its own standard error and stands on its own, whatever else is found in the frames. What
+//! leaks into a figure is removed first: torn frames, offsets of frames and sites, light that
+//! flickers, pixels that stand out. Extreme pixels do not rule: centres are medians or clipped
+//! means, widths come from quantiles.
+//!
+//! Samples are DN, exposures s. Standard errors are statistical: from the scatter over pixels, rows
+//! or frames, from order statistics, or by leaving out one frame at a time.
+//!
+//! | in reading order | |
+//! |---|---|
+//! | [`stack`] | frames of one exposure in memory, the sites of the colour filter pattern |
+//! | [`robust`] | medians, clipping, quantiles with standard errors |
+//! | [`torn`] | frames whose lower rows are of another exposure |
+//! | [`bias`] | black level, read noise, noise of rows and frames, offset patterns |
+//! | [`flat`] | flicker, gain, PRNU, defective columns |
+//! | [`dark`] | dark current, its pattern, hot pixels, offsets from frame to frame |
+//! | [`telegraph`] | pixels that blink: of the read-out, or of the dark current |
+//!
+//! ```
+//! use camrig_captures::Role;
+//! use camrig_estimates::{Sites, Stack, base::Plane, estimate};
+//!
+//! // Sixteen dark frames at 64 DN, with noise of one DN from a hash of the position.
+//! let noise = |x: usize, y: usize, t: usize| {
+//!     let mut h = (x + 97 * y + 7919 * t) as u64;
+//!     let mut sum = 0;
+//!     for _ in 0..12 {
+//!         h = (h ^ 0x9e37_79b9).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+//!         h ^= h >> 29;
+//!         sum += h % 1024;
+//!     }
+//!     sum as f64 / 1024.0 - 6.0 // twelve uniform numbers: variance 1
+//! };
+//! let frame = |t| Plane::from_fn(48, 48, |x, y| (64.0 + noise(x, y, t)).round() as u16);
+//! let dark = Stack::new("dark", Role::Dark, 0.0, (0..16).map(frame).collect());
+//! let found = estimate(&[dark], Sites { across: 1, down: 1 })?;
+//! let read_noise = found.bias.read_noise_variance; // DN²
+//! assert!((read_noise.value - 1.0).abs() < 0.1);
+//! # Ok::<(), camrig_base::Error>(())
+//! ```
+#![cfg_attr(not(test), deny(clippy::disallowed_methods))]
+
+pub mod bias;
+pub mod dark;
+pub mod flat;
+pub mod robust;
+pub mod stack;
+pub mod telegraph;
+pub mod torn;
+
+pub use camrig_base as base;
+pub use stack::{Sites, Stack};
+
+use camrig_base::{Error, Result};
+use camrig_captures::Role;
+
+/// A figure with its standard error, both in the same unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The figure.
+    pub value: f64,
+    /// One standard error.
+    pub error: f64,
+}
+
+impl Estimate {
+    /// By how many standard errors the figure departs from `expected`.
+    pub fn deviation_from(&self, expected: f64) -> f64 {
+        (self.value - expected) / self.error
+    }
+
+    /// The square root, for a variance of which a standard deviation is wanted; 0 of a negative
+    /// one.
+    pub fn sqrt(&self) -> Self {
+        let value = self.value.max(0.0).sqrt();
+        Self { value, error: (self.value + self.error).max(0.0).sqrt() - value }
+    }
+
+    /// The mean of several, weighted by their errors.
+    pub fn weighted_mean(of: impl IntoIterator<Item = Self>) -> Option<Self> {
+        let (sum, weight) = of.into_iter().fold((0.0, 0.0), |(sum, weight), e| {
+            let w = e.error.powi(-2);
+            (sum + w * e.value, weight + w)
+        });
+        (weight > 0.0).then(|| Self { value: sum / weight, error: weight.sqrt().recip() })
+    }
+}
+
+/// What the stacks of one gain show.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Estimates {
+    /// Frames whose rows from some row on are of another exposure.
+    pub torn: Vec<torn::Torn>,
+    /// Of the dark stack with the shortest exposure.
+    pub bias: bias::Bias,
+    /// Of each flat stack.
+    pub flats: Vec<flat::Flat>,
+    /// DN per electron: the mean over flat stacks and sites.
+    pub gain: Option<Estimate>,
+    /// Of the dark stacks over exposure.
+    pub dark_current: Option<dark::DarkCurrent>,
+    /// Offsets from frame to frame, pooled over the dark stacks.
+    pub frame_offsets: Option<dark::FrameOffsets>,
+    /// Pixels that blink.
+    pub telegraph: telegraph::Telegraph,
+}
+
+/// Estimates everything that the dark and flat stacks of one analog gain show. The dark stack with
+/// the shortest exposure is the bias; stacks of other roles are ignored.
+///
+/// # Errors
+/// No dark stack with two frames or more; frames of different sizes, or smaller than 16 pixels.
+pub fn estimate(stacks: &[Stack], sites: Sites) -> Result<Estimates> {
+    let mut darks: Vec<&Stack> = stacks.iter().filter(|s| s.role == Role::Dark).collect();
+    darks.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    let Some(shortest) = darks.first().filter(|s| s.frames.len() >= 2) else {
+        return Err(Error::input("no dark stack with two frames or more")
+            .help("take some ten dark frames at the shortest exposure"));
+    };
+    let size = shortest.size();
+    if size.0.min(size.1) < 16 || stacks.iter().any(|s| s.size() != size) {
+        return Err(Error::input("frames of different sizes, or smaller than 16 pixels"));
+    }
+    let torn = torn::find(&darks);
+    let bias = bias::Bias::of(shortest, sites);
+    let flat_stacks = stacks.iter().filter(|s| s.role == Role::Flat && s.frames.len() >= 2);
+    let flats: Vec<flat::Flat> = flat_stacks.map(|s| flat::Flat::of(s, &bias, sites)).collect();
+    let gain = Estimate::weighted_mean(flats.iter().flat_map(|f| f.sites.iter().map(|s| s.gain)));
+    let exposed = dark::Exposed::read(&darks, &torn);
+    let dn_per_e = gain.map(|g| g.value);
+    let dark_current = dark::DarkCurrent::of(&exposed, &bias, sites, dn_per_e);
+    let frame_offsets = dark::FrameOffsets::of(&darks, &torn, &bias, dn_per_e);
+    let telegraph = telegraph::Telegraph::of(&darks, &torn, &bias, dn_per_e);
+    Ok(Estimates { torn, bias, flats, gain, dark_current, frame_offsets, telegraph })
+}
+
+#[cfg(test)]
+mod tests;

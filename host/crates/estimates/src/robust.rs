@@ -1,0 +1,163 @@
+//! Statistics that a few extreme pixels do not rule, with their standard errors.
+
+use super::Estimate;
+use camrig_base::median::SD_PER_MAD;
+
+/// The median: of an even number of values the mean of the two in the middle, of none NaN.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    let n = values.len();
+    if n == 0 {
+        return f64::NAN;
+    }
+    let (below, middle, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let upper = *middle;
+    if n % 2 == 1 {
+        return upper;
+    }
+    0.5 * (upper + below.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+}
+
+/// Standard deviation from the median absolute deviation, that of a normal law.
+pub fn mad_sd(values: &[f64]) -> f64 {
+    let centre = median(values.to_vec());
+    SD_PER_MAD * median(values.iter().map(|v| (v - centre).abs()).collect())
+}
+
+/// Clips values at `sds` robust standard deviations about their median; leaves them where more
+/// than half are equal.
+pub fn clip(values: &mut [f64], sds: f64) {
+    let (centre, sd) = (median(values.to_vec()), mad_sd(values));
+    if sd > 0.0 {
+        values.iter_mut().for_each(|v| *v = v.clamp(centre - sds * sd, centre + sds * sd));
+    }
+}
+
+/// Mean of the values clipped at `sds` robust standard deviations, and its standard error.
+pub fn clipped_mean(mut values: Vec<f64>, sds: f64) -> Estimate {
+    clip(&mut values, sds);
+    mean(&values)
+}
+
+/// Mean and its standard error.
+pub fn mean(values: &[f64]) -> Estimate {
+    let n = values.len() as f64;
+    let value = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|v| (v - value).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    Estimate { value, error: (variance / n).sqrt() }
+}
+
+/// Variance with n − 1 degrees of freedom.
+pub fn variance(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    (mean(values).error).powi(2) * n
+}
+
+/// Values in ascending order, whose quantiles are asked for.
+pub struct Sorted(Vec<f64>);
+
+impl Sorted {
+    /// Sorts values; those that are not numbers are left out.
+    pub fn new(values: impl IntoIterator<Item = f64>) -> Self {
+        let mut values: Vec<f64> = values.into_iter().filter(|v| !v.is_nan()).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        Self(values)
+    }
+
+    /// Interpolated quantile.
+    pub fn quantile(&self, p: f64) -> f64 {
+        self.at(p * (self.0.len() - 1) as f64)
+    }
+
+    fn at(&self, rank: f64) -> f64 {
+        let rank = rank.clamp(0.0, (self.0.len() - 1) as f64);
+        let (i, part) = (rank as usize, rank.fract());
+        let next = self.0[(i + 1).min(self.0.len() - 1)];
+        self.0[i] + part * (next - self.0[i])
+    }
+
+    /// A quantile with its standard error from the order statistics on both sides, whose rank is
+    /// binomial: no law of the values is assumed.
+    pub fn estimate(&self, p: f64) -> Estimate {
+        let n = self.0.len() as f64;
+        let (rank, sd) = (p * (n - 1.0), (n * p * (1.0 - p)).sqrt());
+        let error = 0.5 * (self.at(rank + sd) - self.at(rank - sd));
+        Estimate { value: self.at(rank), error }
+    }
+
+    /// Standard deviation of a normal law from the distance between the lower quartile and the
+    /// median, so that a tail above does not rule, with its standard error.
+    pub fn lower_sd(&self) -> Estimate {
+        /// Φ⁻¹(3/4).
+        const QUARTILE: f64 = 0.674_489_75;
+        /// Correlation of the lower quartile and the median over samples: √(¼·½ / (½·¾)).
+        const CORRELATION: f64 = 0.577_350_3;
+        let (low, middle) = (self.estimate(0.25), self.estimate(0.5));
+        let variance = low.error.powi(2) + middle.error.powi(2)
+            - 2.0 * CORRELATION * low.error * middle.error;
+        Estimate {
+            value: (middle.value - low.value) / QUARTILE,
+            error: variance.max(0.0).sqrt() / QUARTILE,
+        }
+    }
+}
+
+/// Standard error of a figure by leaving out one of `n` parts at a time (the jackknife; Efron
+/// 1982): `without` gives the figure without a part.
+pub fn jackknife(n: usize, without: impl Fn(usize) -> f64) -> f64 {
+    let values: Vec<f64> = (0..n).map(without).collect();
+    let n = n as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    ((n - 1.0) / n * values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt()
+}
+
+/// Variance of the logarithm of a mean of squares with 2 x degrees of freedom: ψ′(x), by its
+/// asymptotic series from x = 12 on (Abramowitz & Stegun, 6.4.12).
+pub fn trigamma(mut x: f64) -> f64 {
+    let mut sum = 0.0;
+    while x < 12.0 {
+        sum += x.powi(-2);
+        x += 1.0;
+    }
+    sum + 1.0 / x + 0.5 / (x * x) + 1.0 / (6.0 * x.powi(3)) - 1.0 / (30.0 * x.powi(5))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    #[test]
+    fn errors_are_those_of_a_normal_law() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let values: Vec<f64> = (0..100_000).map(|_| StandardNormal.sample(&mut rng)).collect();
+        let sorted = Sorted::new(values.iter().copied());
+        let median = sorted.estimate(0.5);
+        // √(π/2) / √n
+        assert!((median.error / 3.963e-3 - 1.0).abs() < 0.1, "{median:?}");
+        assert!(median.value.abs() < 4.0 * median.error);
+        let sd = sorted.lower_sd();
+        assert!((sd.value - 1.0).abs() < 4.0 * sd.error && sd.error < 0.01, "{sd:?}");
+        let kept = jackknife(values.len().min(200), |i| {
+            let rest = values[..200].iter().enumerate().filter(|(k, _)| *k != i).map(|(_, v)| v);
+            rest.sum::<f64>() / 199.0
+        });
+        assert!((kept / mean(&values[..200]).error - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn trigamma_has_its_closed_forms() {
+        let pi2 = std::f64::consts::PI.powi(2);
+        assert!((trigamma(1.0) - pi2 / 6.0).abs() < 1e-8);
+        assert!((trigamma(0.5) - pi2 / 2.0).abs() < 1e-8);
+    }
+
+    #[test]
+    fn outliers_move_neither_centre_nor_width() {
+        let mut values: Vec<f64> = (0..1001).map(|i| f64::from(i) - 500.0).collect();
+        values.extend([1e9; 3]);
+        assert!((median(values.clone()) - 1.5).abs() < 1e-9);
+        assert!(clipped_mean(values, 4.0).value.abs() < 10.0);
+    }
+}
