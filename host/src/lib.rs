@@ -15,6 +15,7 @@
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
+//! | [`estimates`] | dark and flat frames | gain, noise, dark current, each with its own error |
 //! | [`statistics`] | stacks of frames | figures that a diagnosis compares, with deviations |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
 //! | [`diagnose`] | a camera and capture sets | effects that it lacks, other shapes |
@@ -68,6 +69,7 @@ pub use camrig_capture as capture;
 pub use camrig_captures as captures;
 pub use camrig_clean as clean;
 pub use camrig_diagnose as diagnose;
+pub use camrig_estimates as estimates;
 pub use camrig_exposure as exposure;
 pub use camrig_formats as formats;
 pub use camrig_glass as glass;
