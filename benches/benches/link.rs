@@ -58,6 +58,7 @@ fn cube(height: usize, bands: usize) -> IrradianceCube {
         lux: None,
         illuminant: None,
         made_of: "bench".into(),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     let mut writer = IrradianceWriter::new(header).unwrap();

@@ -110,6 +110,7 @@ pub fn cube(width: usize, height: usize) -> IrradianceCube {
         lux: None,
         illuminant: None,
         made_of: "ramp".into(),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     let ramp = Plane::from_fn(width, height, |x, _| 6.4e-3 * x as f32 / width as f32);

@@ -22,6 +22,7 @@ fn main() -> Result<()> {
         lux: None,
         illuminant: None,
         made_of: "even light".into(),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     let cube = IrradianceCube::uniform(header, &[1e-5; 3])?;

@@ -5,13 +5,12 @@ use camrig_base::Result;
 use camrig_base::output::OutputDir;
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames, png, preview};
-use camrig_light::{Illuminant, LightLevel, photometry};
+use camrig_light::Illuminant;
 use camrig_optics::{Options, Report};
-use camrig_render::{self as render, SimulatedSensor};
+use camrig_render::{self as render, SceneLight, SimulatedSensor};
 use camrig_report::page::{Page, Table};
 use camrig_report::simulation;
 use camrig_rig::{FrameRequest, Rig};
-use camrig_scene::LitScene;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -37,22 +36,21 @@ const SHOTS: [(f64, f64); 2] = [(300.0, 0.040), (10.0, 0.120)];
 pub fn run(args: &Args) -> Result<ExitCode> {
     let directory = OutputDir::create(&args.output, args.force)?;
     let camera = Camera::load(CAMERA)?;
-    let scene = camrig_scene_files::open(SCENE)?;
     let light = Illuminant::parse("D65")?;
     let base_lux = SHOTS[0].0;
-    let white = photometry::white_radiance(&light, LightLevel::Lux(base_lux), &scene.bands())?;
-    let bar = arguments::progress("optics", scene.bands().count as u64);
-    let (cube, optics, _) = render::irradiance_with(
+    let bar = arguments::progress("optics", 0);
+    let in_light = SceneLight::lux("D65", base_lux);
+    let seen = render::scene_irradiance(
         &camera,
-        &LitScene { scene: &*scene, white },
+        SCENE,
+        &in_light,
         &Options::default(),
-        render::About {
-            lux: Some(base_lux),
-            illuminant: Some(light.name.clone()),
-            made_of: format!("scene {SCENE}, lens of {CAMERA}"),
+        |done, bands| {
+            bar.set_length(bands as u64);
+            bar.set_position(done as u64);
         },
-        |done, _| bar.set_position(done as u64),
     )?;
+    let (cube, optics) = (seen.cube, seen.optics);
     bar.finish_and_clear();
     let mut rig = Rig::open("emulator:")?;
     let (mut same, mut link, mut frames) = (true, Vec::new(), simulation::Frames::default());

@@ -56,12 +56,15 @@ impl Notes {
         self.show(warning);
     }
 
-    /// Prints the notes that have not been printed yet.
+    /// Prints the notes that have not been printed yet; those that begin with `warning: ` as such.
     pub fn tell(&mut self, notes: impl IntoIterator<Item = String>) {
         for note in notes {
             self.show(&note);
             if !self.all.contains(&note) {
-                eprintln!("note: {note}");
+                match note.starts_with("warning: ") {
+                    true => eprintln!("{note}"),
+                    false => eprintln!("note: {note}"),
+                }
                 self.all.push(note);
             }
         }
@@ -79,6 +82,7 @@ impl Notes {
     /// A lens that cannot be read.
     pub fn tell_irradiance(&mut self, camera: &Camera, header: &CubeHeader) -> Result<()> {
         self.tell(render::unchecked(camera, header));
+        self.tell(render::missing(camera, header));
         let bands = render::light_bands(header);
         self.tell_tables(camera, [bands]);
         if !header.made_for.is_empty() {

@@ -34,6 +34,11 @@ pub struct ViewArgs {
     /// Luminance of a perfect white, cd/m²
     #[arg(long, value_parser = positive, value_name = "L", allow_negative_numbers = true)]
     pub luminance: Option<f64>,
+    /// Irradiance on a reflectance scene from 300 to 1100 nm, W/m², for lamps that the eye does not
+    /// see
+    #[arg(long, value_parser = positive, value_name = "W", allow_negative_numbers = true)]
+    #[arg(conflicts_with_all = ["lux", "luminance"])]
+    pub scene_irradiance: Option<f64>,
     /// Cells per pixel and direction in the optics stage [default: chosen by error]
     #[arg(long, value_name = "S")]
     pub oversample: Option<usize>,
@@ -97,6 +102,7 @@ impl ViewArgs {
             illuminant: illuminant.map(str::to_owned),
             lux,
             luminance: None,
+            scene_irradiance: None,
             oversample: None,
             psf_tolerance: None,
             path: OpticsPath::Bands,
@@ -110,10 +116,9 @@ impl ViewArgs {
 
     /// The optics stage for these options.
     pub fn optics_stage(&self) -> Result<OpticsStage> {
-        let level = match (self.lux, self.luminance) {
-            (_, Some(luminance)) => Some(LightLevel::Luminance(luminance)),
-            (lux, None) => lux.map(LightLevel::Lux),
-        };
+        let level = (self.lux.map(LightLevel::Lux))
+            .or(self.luminance.map(LightLevel::Luminance))
+            .or(self.scene_irradiance.map(LightLevel::Irradiance));
         let cache = if self.no_cache { None } else { content::directory() };
         let motion =
             self.motion.map(|velocity_pixels| Motion { velocity_pixels, rolling: self.rolling });

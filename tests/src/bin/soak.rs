@@ -135,6 +135,7 @@ fn cube() -> camrig::Result<IrradianceCube> {
         lux: None,
         illuminant: None,
         made_of: "soak".into(),
+        light: Vec::new(),
         made_for: Default::default(),
     })?;
     for band in 0..BANDS {

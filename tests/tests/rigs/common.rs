@@ -58,6 +58,7 @@ pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
         lux: None,
         illuminant: None,
         made_of: "test".into(),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     let mut writer = IrradianceWriter::new(header).unwrap();

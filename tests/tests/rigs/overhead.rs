@@ -23,6 +23,7 @@ fn cube(bands: usize) -> IrradianceCube {
         lux: None,
         illuminant: None,
         made_of: "test".into(),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     let mut writer = IrradianceWriter::new(header).unwrap();

@@ -49,6 +49,7 @@ fn every_preset_gives_the_mean_of_its_parameters() {
             lux: None,
             illuminant: None,
             made_of: String::new(),
+            light: Vec::new(),
             made_for: Default::default(),
         };
         let s = &camera.sensor;

@@ -47,6 +47,7 @@ impl Bench<'_> {
             lux: None,
             illuminant: None,
             made_of: String::new(),
+            light: Vec::new(),
             made_for: Default::default(),
         };
         let cube = IrradianceCube::uniform(header, &[(mean_e / per_unit) as f32]).unwrap();

@@ -39,6 +39,7 @@ fn figures(name: &str, arithmetic: Arithmetic) -> String {
         lux: None,
         illuminant: None,
         made_of: String::new(),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     // Equal irradiance in all bands that half fills the green pixels in 10 ms.

@@ -75,4 +75,4 @@ pub use frame::{ChannelMean, RawFrame};
 pub use natural_order::natural_order;
 pub use plane::Plane;
 pub use sample::Sample;
-pub use spectrum::{Bands, Outside, Spectrum};
+pub use spectrum::{Bands, Outside, Spectrum, integral_of_product, weighted_means};

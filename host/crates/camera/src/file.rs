@@ -200,7 +200,8 @@ pub struct SensorFile {
     /// Quantum efficiency with the colour filter: a number, or a CSV of wavelength_nm,r,g,b (or
     /// gr,gb apart, one column for mono, a column per letter of the pattern). Straight lines
     /// join its points, at most 100 nm apart; outside them it is zero, or held where the CSV has
-    /// a line `# outside: held`.
+    /// a line `# outside: held`. Charts are seen wherever it is above zero; a number without a
+    /// table of ir_cut is taken to be that of 400 to 700 nm.
     #[schemars(extend("unit" = "electrons per photon", "usual" = "0.3 to 0.8 at the peak"))]
     pub qe: FractionOrFile,
     /// Largest quantum efficiency: scales the table of qe, which may be relative, so that its

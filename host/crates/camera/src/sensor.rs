@@ -1,7 +1,7 @@
 //! The sensor of a camera as checked values, and its conversion for `camrig-sensor-core`.
 
 use super::{Camera, CrosstalkTable, KeptNoise, SensorTiming};
-use camrig_base::{Bands, Cfa, Error, Result, Spectrum};
+use camrig_base::{Bands, Cfa, Error, Result, Spectrum, weighted_means};
 use camrig_light::photometry::HC;
 use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
 use camrig_sensor_core::effects::{Domain, Effect, Needs};
@@ -76,24 +76,28 @@ pub struct Noise {
 }
 
 impl SensorModel {
-    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ over a band, per channel and band:
-    /// A QE(λ) S(λ) λ/(hc) Δλ (eq. 8 and 9 of Chen et al. 2009), with A = pitch² x fill factor and
-    /// the infrared cut filter S.
+    /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ over a band, per channel and band, in
+    /// light that is even within each band: [`Self::response_to`] no further light.
     pub fn response(&self, bands: &Bands) -> Vec<Vec<f64>> {
+        self.response_to(&[], bands)
+    }
+
+    /// Electrons per second for a mean irradiance of 1 W m⁻² nm⁻¹ over a band, per channel and
+    /// band, of light whose spectrum within a band is the product of the curves `light`:
+    /// A Δλ/(hc) ∫ Φ(λ) QE(λ) S(λ) λ dλ / ∫ Φ(λ) dλ (eq. 8 and 9 of Chen et al. 2009), with A =
+    /// pitch² x fill factor and the infrared cut filter S. The integrals are exact
+    /// ([`weighted_means`]), so that the response to a line, or through a filter that is narrower
+    /// than a band, is as exact as their tables.
+    pub fn response_to(&self, light: &[Spectrum], bands: &Bands) -> Vec<Vec<f64>> {
         let area_m2 = self.pitch_um * self.pitch_um * 1e-12 * self.fill_factor;
-        self.qe
-            .iter()
-            .map(|qe| {
-                bands
-                    .centres()
-                    .map(|nm| {
-                        let filter = self.ir_cut.as_ref().map_or(1.0, |f| f.at(nm));
-                        let photons_per_joule = nm * 1e-9 / HC;
-                        area_m2 * qe.at(nm) * filter * photons_per_joule * bands.step_nm
-                    })
-                    .collect()
-            })
-            .collect()
+        let (wavelength, light) = (Spectrum::wavelength(), light.iter().collect::<Vec<_>>());
+        let of_channel = |qe: &Spectrum| {
+            let curves: Vec<&Spectrum> =
+                [qe, &wavelength].into_iter().chain(&self.ir_cut).collect();
+            let means = weighted_means(&curves, &light, bands);
+            means.into_iter().map(|mean| area_m2 * mean * 1e-9 / HC * bands.step_nm).collect()
+        };
+        self.qe.iter().map(of_channel).collect()
     }
 
     /// The channel of each pixel of the repeating pattern.
@@ -148,11 +152,21 @@ impl Camera {
         chain
     }
 
-    /// The sensor for some bands, in the form that `camrig-sensor-core` takes.
+    /// The sensor for some bands, in the form that `camrig-sensor-core` takes, in light that is
+    /// even within each band.
     ///
     /// # Errors
     /// More bands than a sensor takes, and what `SensorConfig::check` refuses.
     pub fn sensor_config(&self, bands: &Bands) -> Result<SensorConfig> {
+        self.sensor_config_for(&[], bands)
+    }
+
+    /// The same in light whose spectrum within a band is the product of the curves `light`
+    /// ([`SensorModel::response_to`]).
+    ///
+    /// # Errors
+    /// Those of [`Self::sensor_config`].
+    pub fn sensor_config_for(&self, light: &[Spectrum], bands: &Bands) -> Result<SensorConfig> {
         let sensor = &self.sensor;
         if bands.count > camrig_sensor_core::config::MAX_BANDS {
             return Err(Error::limit(format!("{} spectral bands", bands.count)).help(format!(
@@ -167,7 +181,8 @@ impl Camera {
         config.bands = bands.count as u8;
         config.first_band_nm = bands.start_nm as f32;
         config.band_step_nm = bands.step_nm as f32;
-        config.response = sensor.response(bands).concat().iter().map(|&w| w as f32).collect();
+        config.response =
+            sensor.response_to(light, bands).concat().iter().map(|&w| w as f32).collect();
         config.full_well_e = sensor.full_well_e as f32;
         config.bits = sensor.bits;
         config.black_level_dn = sensor.black_level_dn as f32;

@@ -164,6 +164,7 @@ fn filtered(camera: &Camera, nm: f64, irradiance_w_m2: f64) -> Result<Irradiance
         lux: None,
         illuminant: None,
         made_of: format!("parallel light through a filter at {nm} nm"),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     let bands: Vec<f32> = shape.iter().map(|s| (irradiance_w_m2 * s / sum) as f32).collect();

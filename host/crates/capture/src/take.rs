@@ -228,6 +228,7 @@ pub fn uniform(
         lux: None,
         illuminant: None,
         made_of: format!("even light of {irradiance_w_m2:e} W/m² at {centre_nm} nm"),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     IrradianceCube::uniform(header, &[(irradiance_w_m2 / width_nm) as f32])

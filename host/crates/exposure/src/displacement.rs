@@ -149,6 +149,7 @@ mod tests {
             lux: None,
             illuminant: None,
             made_of: String::new(),
+            light: Vec::new(),
             made_for: Default::default(),
         };
         let mut writer = IrradianceWriter::new(header).unwrap();

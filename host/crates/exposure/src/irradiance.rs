@@ -9,9 +9,9 @@
 //! little-endian) per pixel. Irradiance in W m⁻² nm⁻¹ is mantissa x 2^exponent, but for groups of
 //! high dynamic range, whose exponents are 112 and above. Nothing follows.
 
-use camrig_base::Bands;
 use camrig_base::output::OutputFile;
 use camrig_base::platform::read_at;
+use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_sensor_core::spectral::{BandRow, encode, groups};
 use rayon::prelude::*;
@@ -23,6 +23,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 const MAGIC: &[u8; 8] = b"CAMRIGIR";
+
+/// Longest header that is read: curves of thousands of samples, with room to spare.
+const MAX_HEADER_BYTES: u64 = 1 << 24;
 
 /// What a cube is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +49,11 @@ pub struct CubeHeader {
     pub lux: Option<f64>,
     /// Illuminant of a reflectance scene.
     pub illuminant: Option<String>,
+    /// Spectrum of the light on the sensor within a band, up to a factor per band, as a product of
+    /// curves: the illuminant and what it passes. It decides what a sensor makes of a band. Empty
+    /// where light is even within each band, and in files of older versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub light: Vec<Spectrum>,
     /// Scene and lens in words, for people.
     pub made_of: String,
     /// The part of a camera that is in the samples already, lens, pixel and effects of the optics:
@@ -209,7 +217,7 @@ impl IrradianceCube {
             return Err(no_cube("it does not begin with CAMRIGIR"));
         }
         let length = u64::from(u32::from_le_bytes([length[0], length[1], length[2], length[3]]));
-        if length > 1 << 20 || 12 + length > size {
+        if length > MAX_HEADER_BYTES || 12 + length > size {
             return Err(no_cube("the header is longer than the file"));
         }
         let mut text = vec![0; length as usize];

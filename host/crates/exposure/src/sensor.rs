@@ -67,7 +67,7 @@ impl SimulatedSensor {
             ))
             .help("use the camera for which the irradiance was made, or simulate it anew"));
         }
-        let mut config = camera.sensor_config(&header.spectral_bands())?;
+        let mut config = camera.sensor_config_for(&header.light, &header.spectral_bands())?;
         let light = light * header.level;
         let electrons = header.holds_electrons();
         for response in &mut config.response {

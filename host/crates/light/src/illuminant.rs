@@ -88,9 +88,9 @@ impl Illuminant {
         self.power.notes(bands)
     }
 
-    /// Relative power in each band: see [`Spectrum::in_bands`].
+    /// Mean relative power in each band, exact: emission lines keep their power.
     pub fn in_bands(&self, bands: &Bands) -> Vec<f64> {
-        self.power.in_bands(bands)
+        self.power.means(bands)
     }
 }
 

@@ -27,28 +27,36 @@ pub enum LightLevel {
     Lux(f64),
     /// Luminance of a perfect white, cd/m².
     Luminance(f64),
+    /// Irradiance on the scene from 300 to 1100 nm, W/m²: of lamps that the eye does not see.
+    Irradiance(f64),
 }
+
+/// Wavelengths of [`LightLevel::Irradiance`], nm: those at which silicon sees.
+const IRRADIANCE_NM: [f64; 2] = [300.0, 1100.0];
 
 impl LightLevel {
     /// Luminance of a perfect white, cd/m².
-    pub fn white_luminance(self) -> f64 {
-        match self {
-            LightLevel::Lux(lux) => lux / std::f64::consts::PI,
-            LightLevel::Luminance(luminance) => luminance,
+    ///
+    /// # Errors
+    /// A negative or infinite level; an irradiance, whose luminance depends on the light.
+    pub fn checked(self) -> Result<f64> {
+        match self.finite()? {
+            LightLevel::Lux(lux) => Ok(lux / std::f64::consts::PI),
+            LightLevel::Luminance(luminance) => Ok(luminance),
+            LightLevel::Irradiance(_) => Err(Error::input(format!("a light level of {self:?}"))
+                .help("give lux or cd/m²: it is not known in which light")),
         }
     }
 
-    /// Luminance of a perfect white, cd/m².
-    ///
-    /// # Errors
-    /// A negative or infinite level.
-    pub fn checked(self) -> Result<f64> {
-        let luminance = self.white_luminance();
-        if luminance.is_finite() && luminance >= 0.0 {
-            return Ok(luminance);
+    fn finite(self) -> Result<Self> {
+        let (LightLevel::Lux(level)
+        | LightLevel::Luminance(level)
+        | LightLevel::Irradiance(level)) = self;
+        if level.is_finite() && level >= 0.0 {
+            return Ok(self);
         }
         Err(Error::input(format!("a light level of {self:?}"))
-            .help("give a number of lux or cd/m² that is not negative"))
+            .help("give a number of lux, cd/m² or W/m² that is not negative"))
     }
 }
 
@@ -104,14 +112,31 @@ pub fn observer_in_bands(bands: &Bands) -> [Vec<f64>; 3] {
 /// # Errors
 /// A negative or infinite level, an illuminant without power between 360 and 830 nm.
 pub fn white_radiance(light: &Illuminant, level: LightLevel, bands: &Bands) -> Result<Vec<f64>> {
+    let scale = white_scale(light, level)?;
+    Ok(light.in_bands(bands).into_iter().map(|power| power * scale).collect())
+}
+
+/// Spectral radiance of a perfect white over the relative power of its illuminant: what makes the
+/// power W m⁻² sr⁻¹ nm⁻¹.
+///
+/// # Errors
+/// Those of [`white_radiance`].
+pub fn white_scale(light: &Illuminant, level: LightLevel) -> Result<f64> {
+    if let LightLevel::Irradiance(irradiance) = level.finite()? {
+        let [from_nm, to_nm] = IRRADIANCE_NM;
+        let relative = light.power.mean(from_nm, to_nm) * (to_nm - from_nm);
+        return Ok(irradiance / std::f64::consts::PI / relative);
+    }
     let luminance = level.checked()?;
     let relative = KM * xyz(&light.power)[1];
     if relative <= 0.0 {
         return Err(Error::input(format!("illuminant {:?} has no visible light", light.name))
-            .help("a level in lux or cd/m² needs power between 360 and 830 nm"));
+            .help(
+                "a level in lux or cd/m² needs power between 360 and 830 nm; of other light, give \
+                 the irradiance on the scene, W/m²",
+            ));
     }
-    let scale = luminance / relative;
-    Ok(light.in_bands(bands).into_iter().map(|power| power * scale).collect())
+    Ok(luminance / relative)
 }
 
 #[cfg(test)]
@@ -162,6 +187,23 @@ mod tests {
         }
     }
 
+    /// 2 W/m² of light of equal power over 800 nm, seen by a white: 2 / (800 π) W m⁻² sr⁻¹ nm⁻¹.
+    #[test]
+    fn light_that_the_eye_does_not_see_has_an_irradiance() {
+        let even = Illuminant::parse("E").unwrap();
+        let bands = Bands { start_nm: 850.0, step_nm: 10.0, count: 1 };
+        let white = white_radiance(&even, LightLevel::Irradiance(2.0), &bands).unwrap()[0];
+        assert!((white * 400.0 * std::f64::consts::PI - 1.0).abs() < 1e-12, "{white}");
+        let power = Spectrum::new(vec![835.0, 850.0, 865.0], vec![0.0, 1.0, 0.0]).unwrap();
+        let lamp = Illuminant { name: "lamp".into(), power };
+        // All of its 15 nm of relative power in one band.
+        let bands = Bands { step_nm: 30.0, ..bands };
+        let white = white_radiance(&lamp, LightLevel::Irradiance(1.0), &bands).unwrap()[0];
+        assert!((white * 30.0 * std::f64::consts::PI - 1.0).abs() < 1e-12, "{white}");
+        let said = white_radiance(&lamp, LightLevel::Lux(1.0), &bands).unwrap_err().to_string();
+        assert!(said.contains("no visible light") && said.contains("W/m²"), "{said}");
+    }
+
     #[test]
     fn darkness_is_a_level_but_less_is_an_error() {
         let light = Illuminant::parse("D65").unwrap();
@@ -170,14 +212,18 @@ mod tests {
         assert!(level(-1.0).is_err() && level(f64::NAN).is_err());
     }
 
-    /// ISETCam's figures for D65 at 100 cd/m² (100 V-weighted over 400:10:700 nm, ours over 1 nm
+    /// ISETCam's figures for D65 at 100 cd/m², at the centres of its bands (100 V-weighted over 400:10:700 nm, ours over 1 nm
     /// steps of 360 to 830 nm: 2e-4), and the electrons of its sensor from them.
     #[test]
     fn agrees_with_isetcam() {
         let Some(golden) = camrig_testing::shared("golden/isetcam") else { return };
         let light = Illuminant::parse("D65").unwrap();
         let bands = Bands::VISIBLE;
-        let white = white_radiance(&light, LightLevel::Luminance(100.0), &bands).unwrap();
+        let at = |nm| {
+            let line = Bands { start_nm: nm, step_nm: 1e-3, count: 1 };
+            white_radiance(&light, LightLevel::Luminance(100.0), &line).unwrap()[0]
+        };
+        let white: Vec<f64> = bands.centres().map(at).collect();
         let columns = |file: &str| {
             SpectralTable::read(&golden.join(file)).unwrap().curves.into_iter().map(|(_, v)| v)
         };

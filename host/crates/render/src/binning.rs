@@ -1,21 +1,21 @@
-//! Scenes of more bands than a sensor takes: rebinned for the camera that looks at them.
+//! The bands in which a camera is shown a scene.
 //!
-//! Bands at both ends from which the sensor gets next to nothing are left out; if still too many
-//! are left, they are joined to [`MAX_BANDS`] equal ones. Each takes the radiance of the scene's
-//! bands under it in proportion to their overlap, reflectance times light, so that energy is kept.
-//! What is lost is the change of the sensor's response within a band, which the note states.
+//! A chart is drawn in all bands that the camera sees of its light, as far as its data reach. A
+//! cube keeps its own; held at its ends it gets more of them on either side. Of more bands than a
+//! sensor takes, those at both ends from which it gets next to nothing are left out; if still too
+//! many are left, they are joined to [`MAX_BANDS`] equal ones. Each takes the radiance of the
+//! scene's bands under it in proportion to their overlap, reflectance times light, so that energy
+//! is kept. What is lost is the change of reflectances within a band.
 
 use super::lighting::SceneInLight;
+use super::reach::Sight;
 use camrig_base::{Bands, Plane, Result};
 use camrig_camera::Camera;
-use camrig_scene::{Grid, Quantity, Scene, White};
+use camrig_scene::{Beyond, Grid, Quantity, Scene, White};
 use camrig_sensor_core::config::MAX_BANDS;
 use std::sync::Arc;
 
-/// Share of each channel's signal that bands at one end may have to be left out.
-const UNSEEN: f64 = 1e-4;
-
-/// A scene in fewer bands: for each, the scene's bands with their weights.
+/// A scene in other bands: for each, the scene's bands with their weights.
 struct Binned {
     scene: Arc<dyn Scene>,
     bands: Bands,
@@ -54,65 +54,61 @@ impl Scene for Binned {
 }
 
 impl SceneInLight {
-    /// The scene in as few bands as the sensor of `camera` takes; as it is where that holds
-    /// already.
+    /// The scene in the bands that `camera` sees, at most as many as its sensor takes; what its
+    /// data lack is told.
     #[must_use]
-    pub fn binned_for(self, camera: &Camera) -> Self {
-        let bands = self.scene.bands();
-        if bands.count <= MAX_BANDS {
+    pub fn seen_by(mut self, camera: &Camera) -> Self {
+        let sight = Sight::new(camera, self.illuminant.as_ref());
+        let (own, data_nm, beyond) =
+            (self.scene.bands(), self.scene.data_nm(), self.scene.beyond());
+        self.done.extend(sight.note(data_nm, beyond));
+        let known_nm = if beyond == Beyond::Hold { [0.0, f64::INFINITY] } else { data_nm };
+        let bands = sight.bands(known_nm).unwrap_or(own);
+        if let Some(scene) = self.scene.in_bands(&bands) {
+            return Self { white: self.white_in(&bands), scene: scene.into(), ..self };
+        }
+        let (held, before) = match beyond {
+            Beyond::Dark => (own, 0),
+            Beyond::Hold => reaching(&own, sight.reach_nm()),
+        };
+        if held.count <= MAX_BANDS && held == own {
             return self;
         }
-        let signal = signal(camera, &bands, &self.white);
-        let (first, count) = seen(&signal);
-        // Edges of the scene's bands are whole numbers here, band 0 from 0 to 1.
-        let width = (count as f64 / MAX_BANDS as f64).max(1.0);
-        let binned = count.min(MAX_BANDS);
-        let (mut parts, mut white) = (Vec::new(), Vec::new());
-        for band in 0..binned {
-            let start = first as f64 + width * band as f64;
-            let (of, light) = joined(start, start + width, &self.white);
-            parts.push(of);
-            white.push(light);
+        let white = self.white_in(&held);
+        let seen = if held.count > MAX_BANDS { sight.seen(&held) } else { held };
+        let first = (seen.start_nm - held.start_nm) / held.step_nm;
+        // Edges of the bands are whole numbers here, band 0 from 0 to 1.
+        let width = (seen.count as f64 / MAX_BANDS as f64).max(1.0);
+        let count = seen.count.min(MAX_BANDS);
+        let (mut parts, mut joined_white) = (Vec::new(), Vec::new());
+        for band in 0..count {
+            let start = first + width * band as f64;
+            let (of, light) = joined(start, start + width, &white);
+            let source = |band: usize| band.saturating_sub(before).min(own.count - 1);
+            parts.push(of.into_iter().map(|(band, weight)| (source(band), weight)).collect());
+            joined_white.push(light);
         }
-        let new = Bands {
-            start_nm: bands.start_nm + bands.step_nm * (first as f64 + (width - 1.0) / 2.0),
-            step_nm: bands.step_nm * width,
-            count: binned,
+        let bands = Bands {
+            start_nm: seen.start_nm + own.step_nm * (width - 1.0) / 2.0,
+            step_nm: own.step_nm * width,
+            count,
         };
-        let note = note(&bands, &new, &signal, &self::signal(camera, &new, &white));
-        let Self { scene, illuminant, lux, spec, mut done, .. } = self;
-        done.push(note);
-        let scene = Arc::new(Binned { scene, bands: new, parts });
-        Self { scene, illuminant, lux, white, spec, done }
+        if held.count > MAX_BANDS {
+            self.done.push(note(&held, &bands));
+        }
+        let scene = Arc::new(Binned { scene: self.scene, bands, parts });
+        Self { scene, white: joined_white, rebinned: width > 1.0, ..self }
     }
 }
 
-/// Electrons per second, up to a common factor, that a white gives in each channel and band.
-fn signal(camera: &Camera, bands: &Bands, white: &[f64]) -> Vec<Vec<f64>> {
-    let through = camera.lens.transmittance.sample(bands);
-    let light: Vec<f64> = white.iter().zip(through).map(|(w, t)| w * t).collect();
-    let of = |response: Vec<f64>| response.iter().zip(&light).map(|(r, l)| r * l).collect();
-    camera.sensor.response(bands).into_iter().map(of).collect()
-}
-
-/// The first band that counts, and how many do.
-fn seen(signal: &[Vec<f64>]) -> (usize, usize) {
-    let count = signal.first().map_or(0, Vec::len);
-    let unseen = |channel: &Vec<f64>, bands: &mut dyn Iterator<Item = usize>| {
-        let most = UNSEEN * channel.iter().sum::<f64>();
-        let mut sum = 0.0;
-        bands
-            .take_while(|&band| {
-                sum += channel[band];
-                sum <= most
-            })
-            .count()
-    };
-    let least = |ends: Vec<usize>| ends.into_iter().min().unwrap_or(0);
-    let first = least(signal.iter().map(|c| unseen(c, &mut (0..count))).collect());
-    let last = least(signal.iter().map(|c| unseen(c, &mut (0..count).rev())).collect());
-    // A camera that sees nothing gets all bands.
-    if first + last >= count { (0, count) } else { (first, count - first - last) }
+/// Bands with more of them on either side, as far as between two wavelengths, nm; and how many
+/// are before the first.
+fn reaching(own: &Bands, [from_nm, to_nm]: [f64; 2]) -> (Bands, usize) {
+    let steps = |nm: f64| (nm / own.step_nm - 0.5).ceil().max(0.0) as usize;
+    let before = steps(own.nm(0) - from_nm);
+    let after = steps(to_nm - own.nm(own.count - 1));
+    let start_nm = own.start_nm - before as f64 * own.step_nm;
+    (Bands { start_nm, count: before + own.count + after, ..*own }, before)
 }
 
 /// The bands under an interval with their weights, and the white of the interval.
@@ -130,22 +126,14 @@ fn joined(start: f64, end: f64, white: &[f64]) -> (Vec<(usize, f32)>, f64) {
     (parts.filter(|part| part.1 > 0.0).collect(), light)
 }
 
-fn note(old: &Bands, new: &Bands, before: &[Vec<f64>], after: &[Vec<f64>]) -> String {
-    let sum = |channel: &Vec<f64>| channel.iter().sum::<f64>();
-    let changes = before.iter().zip(after).map(|(b, a)| (sum(a) / sum(b) - 1.0).abs());
-    let change = changes.filter(|c| c.is_finite()).fold(0.0, f64::max);
+fn note(old: &Bands, new: &Bands) -> String {
     let half = new.step_nm / 2.0;
     let (from, to) = (new.nm(0) - half, new.nm(new.count - 1) + half);
     let kept = if new.step_nm > old.step_nm { "energy is kept" } else { "each as it is" };
     format!(
         "the scene's {} bands of {} nm are more than the {MAX_BANDS} that a sensor takes: used are \
-         {} bands of {:.3} nm from {from:.1} to {to:.1} nm, {kept}; the signal of a white changes \
-         by {:.3} %",
-        old.count,
-        old.step_nm,
-        new.count,
-        new.step_nm,
-        100.0 * change
+         {} bands of {:.3} nm from {from:.1} to {to:.1} nm, {kept}",
+        old.count, old.step_nm, new.count, new.step_nm
     )
 }
 
@@ -153,6 +141,7 @@ fn note(old: &Bands, new: &Bands, before: &[Vec<f64>], after: &[Vec<f64>]) -> St
 mod tests {
     use super::*;
     use crate::{SceneLight, SimulatedSensor, scene_irradiance};
+    use camrig_base::Spectrum;
     use camrig_optics::Options;
 
     /// A scene of one pixel of reflectance 0.2 + λ/10 µm, in bands of `step` nm.
@@ -211,10 +200,68 @@ mod tests {
         assert!((joined[0] - (0.5 + 0.5 * 0.2)).abs() < 1e-6, "{joined:?}");
     }
 
+    /// A reflectance of 0.3 in two bands from 580 to 620 nm, held, is a grey of 0.3; dark, it is
+    /// the part of that grey's signal within 580 to 620 nm, as the warning says.
     #[test]
-    fn ends_without_signal_are_left_out() {
-        let signal = [vec![0.0, 1e-6, 1.0, 1.0, 0.0, 0.0], vec![0.0, 1.0, 1.0, 1.0, 1e-6, 0.0]];
-        assert_eq!(seen(&signal), (1, 3));
-        assert_eq!(seen(&[vec![0.0; 3]]), (0, 3));
+    fn a_reflectance_is_dark_beyond_its_bands_or_held() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+        let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 1, 2), }";
+        bytes.extend(format!("{header:<117}\n").bytes());
+        bytes.extend([0.3f32; 2].iter().flat_map(|v| v.to_le_bytes()));
+        let path = folder.path().join("two.npy");
+        std::fs::write(&path, bytes).unwrap();
+        let of = |beyond| format!("{}:start_nm=590,step_nm=20,beyond={beyond}", path.display());
+        let mut camera = Camera::load("mt9v024").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (4, 4);
+        let (grey, none) = electrons(&camera, "uniform:0.3");
+        let (held, told) = electrons(&camera, &of("hold"));
+        for (held, grey) in held.iter().zip(&grey) {
+            assert!((held / grey - 1.0).abs() < 1e-3, "{held}, {grey}");
+        }
+        assert!(!none.iter().any(|n| n.contains("lies outside")), "{none:?}");
+        assert!(told.iter().any(|n| n.contains("keeps its end values")), "{told:?}");
+        let (dark, told) = electrons(&camera, &of("dark"));
+        let warned = told.iter().find(|n| n.starts_with("warning: ")).unwrap();
+        let missing = dark.iter().zip(&grey).map(|(dark, grey)| 1.0 - dark / grey);
+        let most = 100.0 * missing.fold(0.0f32, f32::max);
+        let (before, _) = warned.split_once(" % of the signal").unwrap();
+        let stated: f32 = before.rsplit(' ').next().unwrap().parse().unwrap();
+        // The bands of the grey leave out up to 1e-3; the note has one decimal.
+        assert!((stated - most).abs() < 0.05 + 0.1, "{most}: {warned}");
+    }
+
+    /// Closed forms of light through a filter narrower than a band, and of light that ends
+    /// nowhere in the visible: electrons are ∫ Φ QE S λ dλ, straight lines between samples.
+    #[test]
+    fn narrow_filters_and_infrared_give_the_integral_of_the_product() {
+        let mut camera = Camera::load("mt9v024").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (4, 4);
+        let curve = |nm: &[f64], value: &[f64]| {
+            let curve = Spectrum::new(nm.to_vec(), value.to_vec()).unwrap();
+            curve.outside(camrig_base::Outside::Zero)
+        };
+        let mut of = |qe: Spectrum, cut: Option<Spectrum>| {
+            camera.sensor.qe = vec![qe; 3];
+            camera.sensor.ir_cut = cut;
+            let light = SceneLight::lux("E", 300.0);
+            let options = Options::default();
+            let seen = scene_irradiance(&camera, "uniform:0.5", &light, &options, |_, _| ());
+            let cube = seen.unwrap().cube;
+            let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
+            f64::from(sensor.electrons(&cube, &camera.settings(0, 1.0, None)).unwrap().data[0])
+        };
+        // QE even from 400 to 1000 nm: ∫ λ dλ = (1000² - 400²) / 2 nm².
+        let wide = of(curve(&[400.0, 1000.0], &[0.5, 0.5]), None);
+        let per_nm2 = wide / ((1e6 - 16e4) / 2.0);
+        // A triangle of 5 nm half width at its foot about 555 nm, on the edge of two bands, and
+        // about 857 nm: its area times the wavelength of its centre.
+        for centre in [550.0, 555.0, 857.0] {
+            let filter = curve(&[centre - 5.0, centre, centre + 5.0], &[0.0, 0.9, 0.0]);
+            let narrow = of(curve(&[400.0, 1000.0], &[0.5, 0.5]), Some(filter));
+            let expected = per_nm2 * 0.9 * 5.0 * centre;
+            // The cube holds 16 bits a value.
+            assert!((narrow / expected - 1.0).abs() < 1e-4, "{centre}: {narrow}, {expected}");
+        }
     }
 }

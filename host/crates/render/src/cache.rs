@@ -11,9 +11,10 @@
 
 use super::lens::Described;
 use super::{About, MadeFor, made_for, sensor_grid};
-use camrig_base::{Bands, Error, Result};
+use camrig_base::{Bands, Error, Result, Spectrum};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
+use camrig_light::Illuminant;
 use camrig_optics::{self as optics, Lens, Options, Report, SensorGrid, content};
 use camrig_scene::LitScene;
 use std::fs::Metadata;
@@ -47,9 +48,11 @@ pub fn irradiance(
     directory: Option<&Path>,
     progress: impl FnMut(usize, usize),
 ) -> Result<Rendered> {
-    let (header, white) = header(camera, scene, about, made_for(camera)?)?;
     let bands = scene.scene.bands();
-    let (grid, described) = (sensor_grid(camera), Described::new(camera, &bands, options)?);
+    let grid = sensor_grid(camera);
+    let described = Described::new(camera, &bands, about.illuminant.as_ref(), options)?;
+    let of_lens = (made_for(camera)?, described.light.clone());
+    let (header, white) = header(camera, scene, about, of_lens)?;
     let notes = described.notes().to_vec();
     let files = match directory {
         Some(directory) => {
@@ -77,7 +80,7 @@ pub(crate) fn header(
     camera: &Camera,
     scene: &LitScene<'_>,
     about: About,
-    made_for: MadeFor,
+    (made_for, light): (MadeFor, Vec<Spectrum>),
 ) -> Result<(CubeHeader, Vec<f64>)> {
     let level = scene.white.iter().fold(0.0f64, |m, &w| m.max(w));
     if level <= 0.0 {
@@ -94,7 +97,8 @@ pub(crate) fn header(
         bands: bands.count,
         level,
         lux: about.lux,
-        illuminant: about.illuminant,
+        illuminant: about.illuminant.map(|illuminant| illuminant.name),
+        light,
         made_of: about.made_of,
         made_for,
     };
@@ -115,12 +119,14 @@ fn rendered(
     Ok((writer.finish()?, report))
 }
 
-/// A lens that is made once for many scenes of the same bands. Of these no cubes are kept: each is
+/// A lens that is made once for many scenes of the same bands in the same light. Of these no cubes are kept: each is
 /// seen once.
 pub(crate) struct OneLens {
     lens: Box<dyn Lens>,
     /// What irradiance through it is made for. Looked up once, as it digests the lens's files.
     pub made_for: MadeFor,
+    /// Spectrum of the light on the sensor within a band, as a product.
+    pub light: Vec<Spectrum>,
     /// Whether it was traced now.
     pub traced: bool,
     /// What its reader assumed or ignored.
@@ -132,19 +138,26 @@ impl OneLens {
     pub fn new(
         camera: &Camera,
         bands: &Bands,
+        illuminant: Option<&Illuminant>,
         options: &Options,
         directory: Option<&Path>,
     ) -> Result<Self> {
-        let described = Described::new(camera, bands, options)?;
+        let described = Described::new(camera, bands, illuminant, options)?;
+        let light = described.light.clone();
         let notes = described.notes().to_vec();
         let made_for = made_for(camera)?;
         let (lens, traced) = described.lens(directory)?;
-        Ok(Self { lens, made_for, traced, notes })
+        Ok(Self { lens, made_for, light, traced, notes })
     }
 
     /// The lens itself.
     pub fn lens(&self) -> &dyn Lens {
         &*self.lens
+    }
+
+    /// What it was made for, and the light within a band.
+    pub fn of_lens(&self) -> (MadeFor, Vec<Spectrum>) {
+        (self.made_for.clone(), self.light.clone())
     }
 
     /// [`irradiance`] through this lens: the same bytes.
@@ -156,7 +169,7 @@ impl OneLens {
         about: About,
         progress: impl FnMut(usize, usize),
     ) -> Result<(IrradianceCube, Report)> {
-        let (header, white) = header(camera, scene, about, self.made_for.clone())?;
+        let (header, white) = header(camera, scene, about, self.of_lens())?;
         let lit = LitScene { scene: scene.scene, white };
         rendered(&lit, &*self.lens, header, &sensor_grid(camera), options, progress)
     }
@@ -279,7 +292,7 @@ mod tests {
         let lit = LitScene { scene: &*chart, white: vec![0.02; chart.bands().count] };
         let (options, about) = (Options::default(), About::default());
         let of_one = irradiance(&camera, &lit, &options, about.clone(), None, |_, _| {}).unwrap();
-        let lens = OneLens::new(&camera, &chart.bands(), &options, None).unwrap();
+        let lens = OneLens::new(&camera, &chart.bands(), None, &options, None).unwrap();
         std::fs::remove_dir_all(&tables).unwrap();
         let (cube, _) = lens.irradiance(&camera, &lit, &options, about, |_, _| {}).unwrap();
         assert_eq!(cube.header.made_for, of_one.cube.header.made_for);

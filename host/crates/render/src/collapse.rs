@@ -12,6 +12,7 @@ use super::{About, MadeFor, SceneInLight, made_for, sensor_grid};
 use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube, IrradianceWriter};
+use camrig_light::Illuminant;
 use camrig_light::colour::mixture::{Components, Mixer};
 use camrig_optics::engine::collapsed::{Collapsed, Mixture};
 use camrig_optics::{Options, Report};
@@ -98,6 +99,7 @@ impl Collapse {
     pub fn new(
         camera: &Camera,
         bands: &Bands,
+        illuminant: Option<&Illuminant>,
         options: &Options,
         directory: Option<&std::path::Path>,
         path: OpticsPath,
@@ -109,17 +111,11 @@ impl Collapse {
             .help("its response differs from place to place: compute it by path bands")
             .with_code(ErrorCode::PathUnsupported));
         }
-        let lens = OneLens::new(camera, bands, options, directory)?;
+        let lens = OneLens::new(camera, bands, illuminant, options, directory)?;
         let mut made_for = lens.made_for.clone();
-        made_for.insert(CubeHeader::RESPONSE.into(), made_for::response(camera)?);
-        Ok(Self {
-            lens,
-            path,
-            sensor: camera.sensor_config(bands)?,
-            made_for,
-            mixer: None,
-            kept: None,
-        })
+        made_for.insert(CubeHeader::RESPONSE.into(), made_for::response(camera));
+        let sensor = camera.sensor_config_for(&lens.light, bands)?;
+        Ok(Self { lens, path, sensor, made_for, mixer: None, kept: None })
     }
 
     /// Electrons per second on every pixel.
@@ -133,7 +129,8 @@ impl Collapse {
         options: &Options,
         about: About,
     ) -> Result<(IrradianceCube, Report, CollapseReport)> {
-        let (header, white) = cache::header(camera, &opened.lit(), about, self.made_for.clone())?;
+        let of_lens = (self.made_for.clone(), self.lens.light.clone());
+        let (header, white) = cache::header(camera, &opened.lit(), about, of_lens)?;
         let bands = opened.scene.bands();
         let components = self.components(opened, &white)?;
         let collapsed = self.collapsed(camera, bands, &components.curves, options)?;

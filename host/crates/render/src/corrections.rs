@@ -1,6 +1,7 @@
 //! What a factory calibration would hand to the raw converter: lens shading and bad pixels of a
 //! camera, as DNG opcodes that undo them.
 
+use super::reach::Sight;
 use super::{SimulatedSensor, lens};
 use camrig_base::Bands;
 use camrig_base::Result;
@@ -61,7 +62,8 @@ fn shading(camera: &Camera) -> Result<Vec<Opcode>> {
 fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32)>> {
     let is_defect = |effect: &Effect| effect.class() == Class::Defect;
     let sensor = &camera.sensor;
-    let bands = Bands::VISIBLE;
+    let all = [0.0, f64::INFINITY];
+    let bands = Sight::new(camera, None).bands(all).unwrap_or(Bands::VISIBLE);
     let header = CubeHeader {
         width: sensor.width as usize,
         height: sensor.height as usize,
@@ -72,6 +74,7 @@ fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32
         lux: None,
         illuminant: None,
         made_of: "even light".into(),
+        light: Vec::new(),
         made_for: Default::default(),
     };
     let mut simulated = SimulatedSensor::new(camera, &header)?;
@@ -174,6 +177,7 @@ mod tests {
             lux: None,
             illuminant: None,
             made_of: "dark".into(),
+            light: Vec::new(),
             made_for: Default::default(),
         };
         let cube = IrradianceCube::uniform(header.clone(), &[0.0]).unwrap();

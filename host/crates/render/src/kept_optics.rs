@@ -36,8 +36,7 @@ impl KeptOptics {
         self.path
     }
 
-    /// What falls on the sensor from a scene, whose bands may have been `rebinned`; `progress`
-    /// hears of bands done and bands in all.
+    /// What falls on the sensor from a scene; `progress` hears of bands done and bands in all.
     ///
     /// # Errors
     /// A lens that cannot be read, a scene that cannot be rendered, or not on this path.
@@ -45,20 +44,21 @@ impl KeptOptics {
         &mut self,
         camera: &Camera,
         opened: &SceneInLight,
-        rebinned: bool,
         progress: impl FnMut(usize, usize),
     ) -> Result<OpticsOutput> {
         let Self { options, directory, path, through } = self;
         let (bands, directory) = (opened.scene.bands(), directory.as_deref());
+        let light = opened.illuminant.as_ref();
         let new = through.is_none();
         let through = match through {
             Some(through) => through,
             None => through.insert(match path {
                 OpticsPath::Bands => {
-                    Through::Bands(OneLens::new(camera, &bands, options, directory)?)
+                    Through::Bands(OneLens::new(camera, &bands, light, options, directory)?)
                 }
                 path => {
-                    let collapse = Collapse::new(camera, &bands, options, directory, *path)?;
+                    let collapse =
+                        Collapse::new(camera, &bands, light, options, directory, *path)?;
                     Through::Collapsed(Box::new(collapse))
                 }
             }),
@@ -82,7 +82,7 @@ impl KeptOptics {
             cube,
             optics,
             cached: false,
-            rebinned: rebinned || collapse.is_some(),
+            rebinned: opened.rebinned || collapse.is_some(),
             lens_traced: new && lens.traced,
             collapse,
             notes,

@@ -2,9 +2,9 @@
 
 use super::optical_effects::Optics;
 use super::traced::Tracing;
-use camrig_base::{Bands, Spectrum};
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result, Spectrum, weighted_means};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
+use camrig_light::Illuminant;
 use camrig_optics::content::LensContent;
 use camrig_optics::interpolate::MonotoneCubic;
 use camrig_optics::{Departed, Departures, Diffraction, Illumination};
@@ -28,7 +28,7 @@ pub fn sensor_grid(camera: &Camera) -> SensorGrid {
 /// # Errors
 /// Lens data that cannot be read or traced; a defocus of a lens whose wavefront is not known.
 pub fn lens(camera: &Camera, bands: &Bands, options: &Options) -> Result<Box<dyn Lens>> {
-    Ok(Described::new(camera, bands, options)?.lens(None)?.0)
+    Ok(Described::new(camera, bands, None, options)?.lens(None)?.0)
 }
 
 /// What a user should know of the lens of a camera in light of `bands`: what the reader of a
@@ -37,12 +37,22 @@ pub fn lens(camera: &Camera, bands: &Bands, options: &Options) -> Result<Box<dyn
 /// # Errors
 /// Those of [`lens`], but for what only tracing shows.
 pub fn lens_notes(camera: &Camera, bands: &Bands) -> Result<Vec<String>> {
-    Ok(Described::new(camera, bands, &Options::default())?.notes().to_vec())
+    Ok(Described::new(camera, bands, None, &Options::default())?.notes().to_vec())
 }
 
-/// The lens of a camera file, known well enough to tell it from any other, but not yet traced.
-#[non_exhaustive]
-pub enum Described {
+/// The lens of a camera file, known well enough to tell it from any other, but not yet traced, and
+/// the light that comes through it.
+///
+/// The engine takes a lens's transmittance at the centre of a band. It is given the mean over the
+/// band, weighted by the light, so that filters narrower than a band and steep edges count in full.
+pub struct Described {
+    source: Source,
+    /// Spectrum of the light on the sensor within a band, as a product: illuminant and
+    /// transmittances.
+    pub light: Vec<Spectrum>,
+}
+
+enum Source {
     /// A lens of given figures.
     Given {
         /// The lens.
@@ -54,7 +64,7 @@ pub enum Described {
     Traced {
         /// What is to be traced.
         tracing: Box<Tracing>,
-        /// Factor on its transmittance.
+        /// Its transmittance: the mean over each band, at the band's centre.
         transmittance: Spectrum,
         /// What else the lens has.
         departures: Box<Departures>,
@@ -62,27 +72,43 @@ pub enum Described {
 }
 
 impl Described {
-    /// The lens as `camera` describes it; see [`lens`].
+    /// The lens as `camera` describes it, in the light of an illuminant, or in light that is even
+    /// within each band; see [`lens`].
     ///
     /// # Errors
     /// Lens data that cannot be read; a defocus of a lens whose wavefront is not known.
-    pub fn new(camera: &Camera, bands: &Bands, options: &Options) -> Result<Self> {
-        let Optics { defocus_um, departures } =
-            Optics::of(&camera.optical_effects, &sensor_grid(camera))?;
-        let (transmittance, grid) = (camera.lens.transmittance.clone(), sensor_grid(camera));
-        match &camera.lens.kind {
+    pub fn new(
+        camera: &Camera,
+        bands: &Bands,
+        illuminant: Option<&Illuminant>,
+        options: &Options,
+    ) -> Result<Self> {
+        let grid = sensor_grid(camera);
+        let Optics { defocus_um, departures } = Optics::of(&camera.optical_effects, &grid)?;
+        let mut factors = vec![camera.lens.transmittance.clone(), departures.transmittance];
+        let departures = Departures { transmittance: Spectrum::constant(1.0), ..departures };
+        let power = illuminant.map(|illuminant| illuminant.power.clone());
+        let mean_transmittance = |factors: &[Spectrum]| {
+            let (factors, power) = (factors.iter().collect::<Vec<_>>(), power.iter());
+            let means = weighted_means(&factors, &power.collect::<Vec<_>>(), bands);
+            Spectrum::new(bands.centres().collect(), means)
+        };
+        let source = match &camera.lens.kind {
             LensKind::Prescription(setup) => {
+                let transmittance = mean_transmittance(&factors)?;
                 let reach_mm = reach_mm(&departures, &grid);
                 let tracing = Tracing::new(camera, setup, bands, options, defocus_um, reach_mm)?;
                 let departures = Box::new(departures);
-                Ok(Self::Traced { tracing: Box::new(tracing), transmittance, departures })
+                Source::Traced { tracing: Box::new(tracing), transmittance, departures }
             }
             LensKind::Characterised(path) => {
                 let tables = characterised(path, defocus_um)?;
                 let extent = tables.extent();
-                let lens = departed(tables.into_lens(&transmittance)?, departures);
+                factors.push(tables.transmittance().clone());
+                let lens = tables.into_lens(mean_transmittance(&factors)?);
+                let lens = departed(lens, departures);
                 let notes = extent.notes(&path.display().to_string(), &*lens, &grid, bands);
-                Ok(Self::Given { lens, notes })
+                Source::Given { lens, notes }
             }
             LensKind::DiffractionLimited {
                 f_number,
@@ -94,20 +120,22 @@ impl Described {
                     f_number: *f_number,
                     focal_length_mm: *focal_length_mm,
                     magnification: *magnification,
-                    transmittance,
+                    transmittance: mean_transmittance(&factors)?,
                     illumination: illumination(relative_illumination, grid.corner_mm()),
                     defocus_um,
                 });
-                Ok(Self::Given { lens: departed(lens, departures), notes: Vec::new() })
+                Source::Given { lens: departed(lens, departures), notes: Vec::new() }
             }
-        }
+        };
+        let light = power.into_iter().chain(factors).collect();
+        Ok(Self { source, light })
     }
 
     /// What the lens is, for a key.
     pub fn content(&self) -> LensContent<'_> {
-        match self {
-            Self::Given { lens, .. } => LensContent::Figures(&**lens),
-            Self::Traced { tracing, transmittance, departures } => LensContent::Description(
+        match &self.source {
+            Source::Given { lens, .. } => LensContent::Figures(&**lens),
+            Source::Traced { tracing, transmittance, departures } => LensContent::Description(
                 format!("{} {transmittance:?} {departures:?}", tracing.description()),
             ),
         }
@@ -116,9 +144,9 @@ impl Described {
     /// What the reader of a prescription assumed or ignored, and where the sensor or its light goes
     /// beyond tables.
     pub fn notes(&self) -> &[String] {
-        match self {
-            Self::Given { notes, .. } => notes,
-            Self::Traced { tracing, .. } => tracing.notes(),
+        match &self.source {
+            Source::Given { notes, .. } => notes,
+            Source::Traced { tracing, .. } => tracing.notes(),
         }
     }
 
@@ -127,11 +155,11 @@ impl Described {
     /// # Errors
     /// A prescription that cannot be traced.
     pub fn lens(self, directory: Option<&Path>) -> Result<(Box<dyn Lens>, bool)> {
-        match self {
-            Self::Given { lens, .. } => Ok((lens, false)),
-            Self::Traced { tracing, transmittance, departures } => {
+        match self.source {
+            Source::Given { lens, .. } => Ok((lens, false)),
+            Source::Traced { tracing, transmittance, departures } => {
                 let (tables, traced) = tracing.tables(directory)?;
-                Ok((departed(tables.into_lens(&transmittance)?, *departures), traced))
+                Ok((departed(tables.into_lens(transmittance), *departures), traced))
             }
         }
     }
@@ -239,7 +267,10 @@ mod tests {
     fn what_the_reader_of_a_lens_assumed_is_told() {
         let mut camera = Camera::load("mt9t012").unwrap();
         let described = |camera: &Camera| {
-            Described::new(camera, &Bands::VISIBLE, &Options::default()).unwrap().notes().to_vec()
+            Described::new(camera, &Bands::VISIBLE, None, &Options::default())
+                .unwrap()
+                .notes()
+                .to_vec()
         };
         assert!(described(&camera).is_empty());
         let directory = tempfile::tempdir().unwrap();
@@ -265,8 +296,9 @@ mod tests {
         let seen =
             scene_irradiance(&camera, "uniform", &light, &Options::default(), |_, _| ()).unwrap();
         let told = |notes: &[String]| {
-            let of_lens: Vec<&String> = notes.iter().filter(|n| n.contains("small")).collect();
-            assert!(of_lens.len() == 1 && of_lens[0].contains("end at 0.500 mm"), "{notes:?}");
+            let of_lens: Vec<&String> = notes.iter().filter(|n| n.contains("small: ")).collect();
+            let ends = of_lens.iter().filter(|n| n.contains("end at 0.500 mm"));
+            assert_eq!(ends.count(), 1, "{notes:?}");
         };
         told(&seen.notes);
         let stage = OpticsStage {
@@ -282,12 +314,12 @@ mod tests {
         // Half the corner's height of 0.8 mm.
         camera.sensor.pitch_um = 10.0;
         let bands = Bands::VISIBLE;
-        let described = Described::new(&camera, &bands, &Options::default()).unwrap();
+        let described = Described::new(&camera, &bands, None, &Options::default()).unwrap();
         assert_eq!(described.notes(), [""; 0]);
         // The axis moved right by 20 pixels: the left corner is 0.52 mm from it.
         let moved = OpticalEffect::new("decentre-tilt", &[20.0, 0.0]);
         camera.optical_effects = vec![moved.unwrap()];
-        let described = Described::new(&camera, &bands, &Options::default()).unwrap();
+        let described = Described::new(&camera, &bands, None, &Options::default()).unwrap();
         assert_eq!(described.notes().len(), 1);
     }
 

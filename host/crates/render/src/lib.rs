@@ -47,6 +47,7 @@ mod metadata;
 mod motion_stage;
 mod optical_effects;
 mod optics_stage;
+mod reach;
 pub mod readout;
 mod run_optics;
 mod sequence_stage;
@@ -66,10 +67,12 @@ pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
 pub use metadata::{dng_info, frame_info};
 pub use motion_stage::MotionStage;
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
+pub use reach::missing;
 pub use sequence_stage::SequenceStage;
 
 use camrig_base::Result;
 use camrig_camera::Camera;
+use camrig_light::Illuminant;
 use camrig_optics::{self as optics, Options, Report};
 use camrig_scene::LitScene;
 
@@ -79,7 +82,7 @@ pub struct About {
     /// Scene illuminance, lx.
     pub lux: Option<f64>,
     /// The illuminant.
-    pub illuminant: Option<String>,
+    pub illuminant: Option<Illuminant>,
     /// Scene and lens in words.
     pub made_of: String,
 }
@@ -111,6 +114,7 @@ pub fn irradiance_with(
 ) -> Result<(IrradianceCube, Report, Vec<String>)> {
     let grid = sensor_grid(camera);
     let bands = scene.scene.bands();
+    let described = lens::Described::new(camera, &bands, about.illuminant.as_ref(), options)?;
     let mut writer = IrradianceWriter::new(CubeHeader {
         width: grid.width,
         height: grid.height,
@@ -119,11 +123,11 @@ pub fn irradiance_with(
         bands: bands.count,
         level: 1.0,
         lux: about.lux,
-        illuminant: about.illuminant,
+        illuminant: about.illuminant.map(|illuminant| illuminant.name),
+        light: described.light.clone(),
         made_of: about.made_of,
         made_for: made_for(camera)?,
     })?;
-    let described = lens::Described::new(camera, &bands, options)?;
     let notes = described.notes().to_vec();
     let (lens, _) = described.lens(None)?;
     let report = optics::irradiance(scene, &*lens, &grid, options, progress, |_, plane| {

@@ -5,10 +5,11 @@
 //! renders a scene opens it here, so that no program records a light that was not applied.
 
 use super::About;
-use camrig_base::{Error, Result};
+use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
-use camrig_light::{Illuminant, LightLevel, photometry};
+use camrig_light::photometry::{self, KM, xyz};
+use camrig_light::{Illuminant, LightLevel};
 use camrig_optics::{Options, Report};
 use camrig_scene::{self as scene, LitScene, Quantity, Scene, level};
 use std::f64::consts::PI;
@@ -55,6 +56,10 @@ pub struct SceneInLight {
     /// What the scene's values are multiplied by in each band: radiance of a perfect white,
     /// W m⁻² sr⁻¹ nm⁻¹; for a scene of radiance, 1 or the ratio of the level asked for to its own.
     pub white: Vec<f64>,
+    /// What the illuminant's relative power, or a scene of radiance, is multiplied by.
+    pub(crate) scale: f64,
+    /// Whether bands of the scene were joined to fewer.
+    pub(crate) rebinned: bool,
     pub(crate) spec: String,
     /// What was done to the scene for its light or for a sensor.
     pub(crate) done: Vec<String>,
@@ -84,12 +89,18 @@ impl SceneInLight {
         if scene.quantity() == Quantity::Radiance {
             return Self::of_radiance(scene, spec, frame_aspect, light);
         }
-        let bands = scene.bands();
         let illuminant = Illuminant::parse(light.illuminant.unwrap_or(DEFAULT_ILLUMINANT))?;
         let level = light.level.unwrap_or(LightLevel::Lux(DEFAULT_LUX));
-        let white = photometry::white_radiance(&illuminant, level, &bands)?;
-        let (illuminant, lux) = (Some(illuminant), Some(illuminance(level)));
-        Ok(Self { scene, illuminant, lux, white, spec: spec.to_owned(), done: Vec::new() })
+        let scale = photometry::white_scale(&illuminant, level)?;
+        // Light that the eye does not see has no illuminance.
+        let lux = match level {
+            LightLevel::Irradiance(_) => {
+                Some(PI * scale * KM * xyz(&illuminant.power)[1]).filter(|lux| *lux > 0.0)
+            }
+            _ => Some(illuminance(level)?),
+        };
+        let (illuminant, lux) = (Some(illuminant), lux);
+        Ok(Self::lit_by(scene, illuminant, lux, scale, spec))
     }
 
     fn of_radiance(
@@ -110,17 +121,46 @@ impl SceneInLight {
         }
         if let Some(level) = light.level {
             let (times, note) = radiance_at(&*scene, spec, frame_aspect, level)?;
-            (factor, lux) = (times, Some(illuminance(level)));
+            (factor, lux) = (times, Some(illuminance(level)?));
             done.push(note);
         }
-        let white = vec![factor; scene.bands().count];
-        Ok(Self { scene, illuminant: None, lux, white, spec: spec.to_owned(), done })
+        Ok(Self { done, ..Self::lit_by(scene, None, lux, factor, spec) })
+    }
+
+    /// A scene in its own bands.
+    pub(crate) fn lit_by(
+        scene: Arc<dyn Scene>,
+        illuminant: Option<Illuminant>,
+        lux: Option<f64>,
+        scale: f64,
+        spec: &str,
+    ) -> Self {
+        let bands = scene.bands();
+        let dark = Self {
+            scene,
+            illuminant,
+            lux,
+            white: Vec::new(),
+            scale,
+            rebinned: false,
+            spec: spec.to_owned(),
+            done: Vec::new(),
+        };
+        Self { white: dark.white_in(&bands), ..dark }
+    }
+
+    /// What the scene's values are multiplied by in other bands.
+    pub(crate) fn white_in(&self, bands: &Bands) -> Vec<f64> {
+        match &self.illuminant {
+            Some(light) => light.in_bands(bands).iter().map(|power| power * self.scale).collect(),
+            None => vec![self.scale; bands.count],
+        }
     }
 
     /// What a user should know: of the scene so far as it was read, its light, and where `camera`
     /// holds tables beyond their ends.
     pub fn notes(&self, camera: &Camera) -> Vec<String> {
-        let bands = self.scene.bands();
+        let bands = with_visible(&self.scene.bands());
         let mut notes = self.scene.notes();
         notes.extend(self.done.iter().cloned());
         notes.extend(camera.notes(&bands));
@@ -137,7 +177,7 @@ impl SceneInLight {
     pub fn about(&self, camera: &Camera) -> About {
         About {
             lux: self.lux,
-            illuminant: self.illuminant.as_ref().map(|light| light.name.clone()),
+            illuminant: self.illuminant.clone(),
             made_of: format!("scene {}, lens of {}", self.spec, camera.name),
         }
     }
@@ -175,9 +215,18 @@ pub fn radiance_at(
     Ok((asked / own, note))
 }
 
+/// Bands about all of the others and of visible light. Bands of a chart end where a table of the
+/// camera does, which is worth a note where there would be light.
+fn with_visible(bands: &Bands) -> Bands {
+    let (visible, last) = (Bands::VISIBLE, |bands: &Bands| bands.nm(bands.count - 1));
+    let start_nm = bands.start_nm.min(visible.start_nm);
+    let end_nm = last(bands).max(last(&visible));
+    Bands { start_nm, step_nm: end_nm - start_nm, count: 2 }
+}
+
 /// A perfect diffuser of L cd/m² is lit by π L lux.
-fn illuminance(level: LightLevel) -> f64 {
-    level.white_luminance() * PI
+fn illuminance(level: LightLevel) -> Result<f64> {
+    Ok(level.checked()? * PI)
 }
 
 /// Width over height of a camera's frames.
@@ -202,7 +251,7 @@ pub struct SceneIrradiance {
 
 /// What falls on the sensor of `camera` when it looks at the scene that `spec` names: spectral
 /// irradiance per band and pixel, W m⁻² nm⁻¹, with the figures of the optics stage and what a user
-/// should know. Scenes of more bands than a sensor takes are rebinned for it.
+/// should know. Bands are those that the camera sees ([`SceneInLight::seen_by`]).
 ///
 /// Unlike [`super::OpticsStage`] it keeps no results on disk, and the cube's samples hold the
 /// light level themselves (its header's level is 1).
@@ -233,7 +282,7 @@ pub fn scene_irradiance(
     options: &Options,
     progress: impl FnMut(usize, usize),
 ) -> Result<SceneIrradiance> {
-    let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.binned_for(camera);
+    let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.seen_by(camera);
     let about = opened.about(camera);
     let (cube, optics, of_lens) =
         super::irradiance_with(camera, &opened.lit(), options, about, progress)?;
@@ -247,7 +296,7 @@ pub fn scene_irradiance(
 /// # Errors
 /// Those of [`SceneInLight::open`], and a lens that cannot be read.
 pub fn scene_notes(camera: &Camera, spec: &str, light: &SceneLight<'_>) -> Result<Vec<String>> {
-    let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.binned_for(camera);
+    let opened = SceneInLight::open(spec, frame_aspect(camera), light)?.seen_by(camera);
     let mut notes = opened.notes(camera);
     notes.extend(super::lens_notes(camera, &opened.scene.bands())?);
     Ok(notes)
@@ -279,8 +328,10 @@ mod tests {
         assert!(opened.illuminant.is_none() && opened.lux.is_none() && opened.done.is_empty());
         assert!(opened.white.iter().all(|&factor| factor == 1.0), "{:?}", opened.white);
         let own = level::mean_luminance(&*opened.scene, 4.0 / 3.0).unwrap();
-        // 0.01 W m⁻² sr⁻¹ nm⁻¹ in all bands: 683 lm/W times 106.86 nm of V.
-        assert!((own / (0.01 * 683.0 * 106.86) - 1.0).abs() < 1e-3, "{own}");
+        // 0.01 W m⁻² sr⁻¹ nm⁻¹ from 475 to 625 nm, and dark beyond: 683 lm/W times V there.
+        let visible = photometry::observer()[1].mean(475.0, 625.0) * 150.0;
+        assert!(visible < 104.0, "{visible} nm of 106.86");
+        assert!((own / (0.01 * 683.0 * visible) - 1.0).abs() < 1e-6, "{own}");
 
         let level = Some(LightLevel::Lux(100.0));
         let lit = open(SceneLight { illuminant: None, level }).unwrap();

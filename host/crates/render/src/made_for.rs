@@ -5,8 +5,8 @@
 //! refused. The cube's header has them by their keys in a camera file; files that decide are
 //! represented by the SHA-256 of their bytes, so that a copy elsewhere is the same lens.
 
-use super::CubeHeader;
-use camrig_base::{Bands, Error, ErrorCode, Result, Spectrum};
+use super::{CubeHeader, reach};
+use camrig_base::{Error, ErrorCode, Result, Spectrum};
 use camrig_camera::{Camera, LensKind, RelativeIllumination};
 use camrig_lens::prescription::{Focus, Setup};
 use sha2::{Digest, Sha256};
@@ -21,16 +21,12 @@ pub type MadeFor = BTreeMap<String, String>;
 const DIGEST_BYTES: usize = 8;
 
 /// What electrons are made for beside the optics: quantum efficiency and colour filters.
-///
-/// # Errors
-/// A sensor that cannot be.
-pub(crate) fn response(camera: &Camera) -> Result<String> {
-    let config = camera.sensor_config(&Bands::VISIBLE)?;
-    let pattern = &config.pattern;
+pub(crate) fn response(camera: &Camera) -> String {
+    let pattern = camera.sensor.pattern();
     let filters = pattern.channels.iter().map(|&channel| f64::from(channel));
     let shape = [f64::from(pattern.width), f64::from(pattern.height)].into_iter().chain(filters);
-    let response = config.response.iter().map(|&r| f64::from(r));
-    Ok(pairs(shape.chain(response).enumerate().map(|(i, value)| (i as f64, value))))
+    let response = camera.sensor.response(&reach::SILICON).concat().into_iter();
+    pairs(shape.chain(response).enumerate().map(|(i, value)| (i as f64, value)))
 }
 
 /// What irradiance on the sensor of `camera` is made for.
@@ -120,7 +116,7 @@ pub fn check_made_for(camera: &Camera, header: &CubeHeader) -> Result<()> {
         (camera_has, cube_has) = (made_for(camera)?, header.made_for.clone());
     }
     if header.holds_electrons() {
-        camera_has.insert(CubeHeader::RESPONSE.into(), response(camera)?);
+        camera_has.insert(CubeHeader::RESPONSE.into(), response(camera));
     }
     let size = [
         ("sensor.width", camera.sensor.width as usize, header.width),

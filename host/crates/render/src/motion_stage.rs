@@ -19,7 +19,6 @@ pub struct MotionStage {
     at_rest: Arc<dyn Scene>,
     /// The scene as a frame sees it.
     opened: SceneInLight,
-    rebinned: bool,
     optics: KeptOptics,
 }
 
@@ -31,13 +30,12 @@ impl MotionStage {
     pub fn open(stage: &OpticsStage, camera: &Camera) -> Result<Self> {
         let motion =
             stage.motion.ok_or_else(|| Error::internal("a moving scene that stands still"))?;
-        let (opened, rebinned) = stage.open(camera)?;
+        let opened = stage.open(camera)?;
         Ok(Self {
             motion,
             name: stage.scene.clone(),
             at_rest: Arc::clone(&opened.scene),
             opened,
-            rebinned,
             optics: KeptOptics::new(stage),
         })
     }
@@ -102,8 +100,6 @@ impl MotionStage {
             by_row,
             moments,
         });
-        self.optics
-            .see(camera, &self.opened, self.rebinned, progress)
-            .map_err(|e| e.at(&self.name))
+        self.optics.see(camera, &self.opened, progress).map_err(|e| e.at(&self.name))
     }
 }

@@ -61,14 +61,10 @@ pub struct OpticsOutput {
 }
 
 impl OpticsStage {
-    /// The scene in its light, and whether its bands were joined to fewer.
-    pub(crate) fn open(&self, camera: &Camera) -> Result<(SceneInLight, bool)> {
+    /// The scene in its light, in the bands that `camera` sees.
+    pub(crate) fn open(&self, camera: &Camera) -> Result<SceneInLight> {
         let light = SceneLight { illuminant: self.illuminant.as_deref(), level: self.level };
-        let opened = SceneInLight::open(&self.scene, frame_aspect(camera), &light)?;
-        let count = opened.scene.bands().count;
-        let opened = opened.binned_for(camera);
-        let rebinned = opened.scene.bands().count != count;
-        Ok((opened, rebinned))
+        Ok(SceneInLight::open(&self.scene, frame_aspect(camera), &light)?.seen_by(camera))
     }
 }
 

@@ -34,23 +34,23 @@ impl OpticsStage {
     /// # Errors
     /// Those of [`OpticsStage::run`].
     pub fn run_part(&self, camera: &Camera, region: Region) -> Result<OpticsOutput> {
-        let (mut opened, rebinned) = self.open(camera)?;
+        let mut opened = self.open(camera)?;
         let height = frame_height(camera);
         opened.scene = Arc::new(Part { scene: opened.scene, region, height });
         // It is seen once: nothing to keep.
         let once = Self { cache: None, ..self.clone() };
-        once.run_opened(camera, (opened, rebinned), |_, _| ())
+        once.run_opened(camera, opened, |_, _| ())
     }
 
     fn run_opened(
         &self,
         camera: &Camera,
-        (opened, rebinned): (SceneInLight, bool),
+        opened: SceneInLight,
         progress: impl FnMut(usize, usize),
     ) -> Result<OpticsOutput> {
         if self.path != OpticsPath::Bands {
             let mut optics = KeptOptics::new(self);
-            return optics.see(camera, &opened, rebinned, progress).map_err(|e| e.at(&self.scene));
+            return optics.see(camera, &opened, progress).map_err(|e| e.at(&self.scene));
         }
         let directory = self.cache.as_deref();
         let about = opened.about(camera);
@@ -65,7 +65,7 @@ impl OpticsStage {
             cube,
             optics: report,
             cached: hit,
-            rebinned,
+            rebinned: opened.rebinned,
             lens_traced: traced,
             collapse: None,
             notes,

@@ -30,7 +30,7 @@ struct First {
     quantity: Quantity,
     illuminant: Option<Illuminant>,
     lux: Option<f64>,
-    white: Vec<f64>,
+    scale: f64,
 }
 
 impl SequenceStage {
@@ -62,10 +62,8 @@ impl SequenceStage {
         let cube = frame.open()?;
         let size = cube.size();
         let opened = self.opened((Box::new(cube), size), &name, &light, frame_aspect(camera))?;
-        let count = opened.scene.bands().count;
-        let opened = opened.binned_for(camera);
-        let rebinned = opened.scene.bands().count != count;
-        self.optics.see(camera, &opened, rebinned, progress).map_err(|e| e.at(&name))
+        let opened = opened.seen_by(camera);
+        self.optics.see(camera, &opened, progress).map_err(|e| e.at(&name))
     }
 
     /// Bytes of irradiance that a frame makes, at most; 0 before the first.
@@ -101,7 +99,7 @@ impl SequenceStage {
                 quantity,
                 illuminant: opened.illuminant.clone(),
                 lux: opened.lux,
-                white: opened.white.clone(),
+                scale: opened.scale,
             });
             return Ok(opened);
         };
@@ -123,13 +121,7 @@ impl SequenceStage {
         if quantity == Quantity::Radiance && first.lux.is_none() {
             level::check_absolute(&*cube).map_err(|e| e.at(name))?;
         }
-        Ok(SceneInLight {
-            scene: scene::filling(cube, frame_aspect).into(),
-            illuminant: first.illuminant.clone(),
-            lux: first.lux,
-            white: first.white.clone(),
-            spec: name.to_owned(),
-            done: Vec::new(),
-        })
+        let scene = scene::filling(cube, frame_aspect).into();
+        Ok(SceneInLight::lit_by(scene, first.illuminant.clone(), first.lux, first.scale, name))
     }
 }

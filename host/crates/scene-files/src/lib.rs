@@ -45,7 +45,7 @@ mod tiff_tags;
 mod units;
 
 use camrig_base::{Error, ErrorCode, Result};
-use camrig_scene::{Bands, Components, Quantity, Scene, White};
+use camrig_scene::{Bands, Beyond, Components, Quantity, Scene, White};
 use camrig_scene::{chart, cube, level, preview, selection};
 use std::path::Path;
 

@@ -11,11 +11,12 @@
 //! scale = 1.0                  # multiplies the samples
 //! array = "cube"               # name of the array in a file of several; of an EXR's layer or part
 //! negative = "zero"            # takes samples below zero as 0, however far below
+//! beyond = "dark"              # what lies outside its bands; "hold" keeps a reflectance's end values
 //! ```
 
-use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::selection::Stated;
+use super::{Beyond, Quantity};
 use camrig_base::numbers::counted;
 use camrig_base::unit::Unit;
 use camrig_base::{Error, Result, options};
@@ -36,6 +37,8 @@ pub(super) struct Sidecar {
     unit: Option<String>,
     pub array: Option<String>,
     negative: Option<Negative>,
+    #[serde(default, deserialize_with = "beyond")]
+    beyond: Beyond,
     /// The file, where there is one.
     #[serde(skip)]
     file: Option<PathBuf>,
@@ -45,6 +48,14 @@ pub(super) struct Sidecar {
 #[serde(rename_all = "lowercase")]
 enum Negative {
     Zero,
+}
+
+/// What a scene is beyond its bands, by name.
+pub(super) fn beyond<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Beyond, D::Error> {
+    let name = String::deserialize(from)?;
+    Beyond::parse(&name).ok_or_else(|| {
+        serde::de::Error::custom(format!("beyond {name:?} is not {}", Beyond::NAMES.join(" or ")))
+    })
 }
 
 fn quantity<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Quantity>, D::Error> {
@@ -62,8 +73,8 @@ impl Sidecar {
         let said: Self = options::read(
             there.then_some(&*file),
             options,
-            "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, unit, scale, array and \
-             negative (which is \"zero\")",
+            "the keys are quantity, wavelength_nm, start_nm, step_nm, axes, unit, scale, array, \
+             negative (which is \"zero\") and beyond (\"dark\" or \"hold\")",
         )
         .and_then(Self::with_unit)
         .map_err(|e| if there { e } else { e.at(path.display()) })?;
@@ -143,7 +154,7 @@ impl Sidecar {
             understood.push("reflectance, as nothing says otherwise".into());
         }
         let quantity = self.quantity.or(quantity).unwrap_or(Quantity::Reflectance);
-        let cube = Cube::stated(source, &nm, quantity, stated)?;
+        let cube = Cube::stated(source, &nm, quantity, stated)?.with_beyond(self.beyond)?;
         Ok(cube.with(self.negative.is_some(), understood, notes))
     }
 

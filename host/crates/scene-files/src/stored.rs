@@ -9,9 +9,9 @@
 //! compression (relative error 1.2e-4, far below the noise of measured scenes), which lets deflate
 //! halve the size.
 
-use super::Quantity;
 use super::cube::{BandSource, Cube};
 use super::images::read_page;
+use super::{Beyond, Quantity};
 use camrig_base::{Bands, Error, Plane, Result, toml_text};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -57,6 +57,9 @@ pub struct Description {
     pub step_nm: f64,
     /// Number of bands.
     pub bands: usize,
+    /// What lies outside them: `dark` where it says nothing, or `hold` of a reflectance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beyond: Option<String>,
 }
 
 impl Description {
@@ -75,6 +78,7 @@ impl Description {
             start_nm: bands.start_nm,
             step_nm: bands.step_nm,
             bands: bands.count,
+            beyond: None,
         }
     }
 
@@ -164,7 +168,12 @@ pub(super) fn open(directory: &Path) -> Result<Cube> {
     };
     let cube = Cube::new(Box::new(source), bands.centres().collect(), quantity)
         .map_err(|e| e.at(place.display()))?;
-    Ok(cube.with(false, about.understood(), Vec::new()))
+    let beyond = match &about.beyond {
+        None => Beyond::default(),
+        Some(name) => Beyond::parse(name)
+            .ok_or_else(|| wrong(format!("beyond = {name:?}")).help(Beyond::NAMES.join(" or ")))?,
+    };
+    cube.with(false, about.understood(), Vec::new()).with_beyond(beyond)
 }
 
 struct Pages {

@@ -28,8 +28,9 @@ impl Components {
 
     /// Of a scene that is the same in all bands: itself, exactly.
     pub(crate) fn of_grey(scene: impl Scene + 'static, mixer: &Mixer) -> Self {
-        let curve = vec![1.0; scene.bands().count];
-        let planes = Box::new(Grey(scene));
+        let bands = scene.bands();
+        let curve = vec![1.0; bands.count];
+        let planes = Box::new(Grey::new(scene, &Bands { count: 1, ..bands }));
         Self { curves: vec![vec![curve]; mixer.seen().len()], planes, left_out: 0.0 }
     }
 
@@ -63,23 +64,49 @@ impl Scene for Planes {
     }
 }
 
-/// The one component of a scene that is the same in all bands.
-struct Grey<S>(S);
+/// Wavelengths of a scene without colour, nm: all.
+pub(crate) const ALL_NM: [f64; 2] = [0.0, f64::INFINITY];
 
-impl<S: Scene> Scene for Grey<S> {
+/// A scene that is the same in all bands, in some of them.
+#[derive(Clone)]
+pub(crate) struct Grey {
+    scene: Arc<dyn Scene>,
+    bands: Bands,
+}
+
+impl Grey {
+    /// Of a scene that is the same in all of its own bands.
+    pub fn new(scene: impl Scene + 'static, bands: &Bands) -> Self {
+        Self { scene: Arc::new(scene), bands: *bands }
+    }
+}
+
+impl Scene for Grey {
     fn bands(&self) -> Bands {
-        Bands { count: 1, ..self.0.bands() }
+        self.bands
+    }
+
+    fn data_nm(&self) -> [f64; 2] {
+        ALL_NM
+    }
+
+    fn in_bands(&self, bands: &Bands) -> Option<Box<dyn Scene>> {
+        Some(Box::new(Self { bands: *bands, ..self.clone() }))
+    }
+
+    fn components(&self, mixer: &Mixer) -> Result<Option<Components>> {
+        Ok(Some(Components::of_grey(self.clone(), mixer)))
     }
 
     fn quantity(&self) -> Quantity {
-        self.0.quantity()
+        self.scene.quantity()
     }
 
     fn aspect(&self) -> Option<f64> {
-        self.0.aspect()
+        self.scene.aspect()
     }
 
-    fn plane(&self, component: usize, grid: &Grid) -> Result<Plane<f32>> {
-        self.0.plane(component, grid)
+    fn plane(&self, _band: usize, grid: &Grid) -> Result<Plane<f32>> {
+        self.scene.plane(0, grid)
     }
 }

@@ -6,13 +6,13 @@
 //!
 //! Equally spaced bands of 5 to 50 nm are kept; others are converted to bands of 10 nm, each the
 //! mean of the spectrum over the band (linear between source bands). Negative samples within the
-//! noise of a dark scene are taken as 0, which the notes say. A cube that does not reach
-//! 400 or 700 nm is extended by its end values, which [`Scene::notes`] says.
+//! noise of a dark scene are taken as 0, which the notes say. Outside its bands a cube is dark: what
+//! was not measured is not invented. A reflectance may be held at its ends ([`Beyond::Hold`]).
 
 pub use super::band_source::BandSource;
 use super::resample::resample;
 use super::selection::{Arranged, Stated, arrange};
-use super::{Components, Grid, Quantity, Scene, White};
+use super::{Beyond, Components, Grid, Quantity, Scene, White};
 use camrig_base::numbers::counted;
 use camrig_base::{Bands, Error, Plane, Result, Spectrum};
 use camrig_light::colour::mixture::Mixer;
@@ -29,8 +29,7 @@ const MAX_REFLECTANCE: f32 = 2.0;
 /// Wavelengths that band centres may have, nm: from the ultraviolet to the shortwave infrared. A
 /// list in µm or in Å lies outside.
 const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
-/// The visible range that every cube has to cover or is extended to, nm: that of
-/// [`Bands::VISIBLE`].
+/// The range of which a cube says that it does not cover it, nm: that of [`Bands::VISIBLE`].
 const VISIBLE_NM: [f64; 2] = [400.0, 700.0];
 /// Steps of equally spaced bands that are kept, nm. Below, a scene would cost many bands for
 /// little gain in colour; above, bands are too coarse for spectra of light sources.
@@ -53,6 +52,7 @@ pub struct Cube {
     understood: Vec<String>,
     notes: Vec<String>,
     white: Option<White>,
+    beyond: Beyond,
     /// Whether all negative samples are taken as 0, however far below it.
     clips: bool,
     /// Source bands read so far in which negative samples were taken as 0: how many, and the
@@ -91,8 +91,8 @@ impl Cube {
         let [blue, red] = VISIBLE_NM;
         if first > blue + bands.step_nm / 2.0 || last < red - bands.step_nm / 2.0 {
             notes.push(format!(
-                "bands from {first} to {last} nm do not cover {blue} to {red} nm: extrapolated by \
-                 the end values"
+                "bands from {first} to {last} nm do not cover {blue} to {red} nm: what lies \
+                 beyond is not known"
             ));
         }
         let mix = mix(&wavelength_nm, &bands);
@@ -106,6 +106,7 @@ impl Cube {
             understood,
             notes,
             white: None,
+            beyond: Beyond::Dark,
             clips: false,
             clipped: Mutex::default(),
         })
@@ -127,6 +128,20 @@ impl Cube {
     /// The same cube with a white that light levels refer to.
     pub fn with_white(self, white: Option<White>) -> Self {
         Self { white, ..self }
+    }
+
+    /// The same cube with what it is beyond its bands.
+    ///
+    /// # Errors
+    /// A radiance to be held: light that was not measured is not invented.
+    pub fn with_beyond(self, beyond: Beyond) -> Result<Self> {
+        if beyond == Beyond::Hold && self.quantity == Quantity::Radiance {
+            return Err(Error::input("beyond=hold of a radiance").help(
+                "light outside the bands was not measured: a radiance is dark there; \
+                 reflectances may be held",
+            ));
+        }
+        Ok(Self { beyond, ..self })
     }
 
     /// What was understood of the file, in words; what was assumed or ignored is in the notes.
@@ -226,6 +241,10 @@ impl Scene for Cube {
         self.quantity
     }
 
+    fn beyond(&self) -> Beyond {
+        self.beyond
+    }
+
     fn aspect(&self) -> Option<f64> {
         let (width, height) = self.source.size();
         Some(width as f64 / height as f64)
@@ -261,18 +280,15 @@ fn scene_bands(wavelength_nm: &[f64]) -> Bands {
     let equal = spaces > 0
         && (0..=spaces)
             .all(|i| (wavelength_nm[i] - first - i as f64 * step).abs() < EQUAL_SPACING * step);
-    let (start, end, step_nm) = if equal && KEPT_STEPS_NM.contains(&step) {
-        (first, last, step)
-    } else {
-        ((first / STEP_NM).ceil() * STEP_NM, (last / STEP_NM).floor() * STEP_NM, STEP_NM)
-    };
-    // Whole steps are added where the visible range is not covered to half a band.
-    let [blue, red] = VISIBLE_NM;
-    let before = ((start - blue) / step_nm - 0.5).ceil().max(0.0);
-    let after = ((red - end) / step_nm - 0.5).ceil().max(0.0);
-    let inside = ((end - start) / step_nm).round();
-    let count = (before + inside + after) as usize + 1;
-    Bands { start_nm: start - before * step_nm, step_nm, count }
+    if equal && KEPT_STEPS_NM.contains(&step) {
+        return Bands { start_nm: first, step_nm: step, count: wavelength_nm.len() };
+    }
+    let (start, end) = ((first / STEP_NM).ceil(), (last / STEP_NM).floor());
+    if end < start {
+        // Between two multiples of the step: one band about the middle.
+        return Bands { start_nm: (first + last) / 2.0, step_nm: STEP_NM, count: 1 };
+    }
+    Bands { start_nm: start * STEP_NM, step_nm: STEP_NM, count: (end - start) as usize + 1 }
 }
 
 /// What to say of bands that are not the source's own.
@@ -345,7 +361,7 @@ mod tests {
             (0..n).map(|i| start + step * f64::from(i)).collect()
         };
         assert_eq!(said(&regular(400.0, 10.0, 31)), "");
-        assert_eq!(said(&regular(420.0, 10.0, 31)), "", "extended, which a note says");
+        assert_eq!(said(&regular(420.0, 10.0, 31)), "", "its own bands");
         let fine = said(&regular(400.0, 2.0, 151));
         assert!(fine.contains("31 bands of 10 nm") && fine.contains("up to 2.0 nm"), "{fine}");
         let mut gap = regular(400.0, 10.0, 31);
@@ -393,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn bands_are_kept_resampled_or_extended() {
+    fn bands_are_kept_or_resampled_and_never_extended() {
         let at = |cube: &Cube, band| {
             let grid = Grid { width: 1, height: 1, left: 0.0, top: 0.0, cell: 0.1 };
             cube.plane(band, &grid).unwrap().data[0]
@@ -405,15 +421,23 @@ mod tests {
         let cube = cube(fine, linear);
         assert_eq!(cube.bands(), Bands { start_nm: 390.0, step_nm: 10.0, count: 37 });
         assert!((at(&cube, 16) - 0.55).abs() < 1e-6 && cube.notes().is_empty());
-        // 420 to 680 nm: extended.
+        // 420 to 680 nm: what lies beyond is not known.
         let short = self::cube((0..27).map(|i| 420.0 + 10.0 * f64::from(i)).collect(), linear);
-        assert_eq!(short.bands(), Bands::VISIBLE);
-        assert_eq!((at(&short, 0), at(&short, 2), at(&short, 30)), (0.42, 0.42, 0.68));
-        assert!(short.notes()[0].contains("extrapolated"));
-        // One band only.
-        let one = self::cube(vec![550.0], linear);
-        assert_eq!(at(&one, 0), 0.55);
-        assert!(one.bands().nm(0) <= 405.0);
+        assert_eq!(short.bands(), Bands { start_nm: 420.0, step_nm: 10.0, count: 27 });
+        assert_eq!((at(&short, 0), at(&short, 26)), (0.42, 0.68));
+        assert_eq!(short.data_nm(), [415.0, 685.0]);
+        assert!(short.notes()[0].contains("do not cover 400 to 700 nm"));
+        // One band only, on a multiple of the step or not.
+        for nm in [550.0, 850.0, 853.0] {
+            let one = self::cube(vec![nm], linear);
+            assert_eq!(one.bands(), Bands { start_nm: nm, step_nm: 10.0, count: 1 });
+            assert_eq!(at(&one, 0), (nm / 1000.0) as f32);
+        }
+        // Light that was not measured is not invented; a reflectance may be held.
+        let held = self::cube(vec![550.0], linear).with_beyond(Beyond::Hold).unwrap();
+        assert_eq!(held.beyond(), Beyond::Hold);
+        let radiance = Cube { quantity: Quantity::Radiance, ..held };
+        assert!(radiance.with_beyond(Beyond::Hold).is_err());
     }
 
     #[test]

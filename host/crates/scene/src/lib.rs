@@ -107,6 +107,27 @@ impl Quantity {
     }
 }
 
+/// What a scene is at wavelengths where its data end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Beyond {
+    /// Dark: nothing is invented.
+    #[default]
+    Dark,
+    /// As at the first and the last wavelength of its data: a guess that may suit reflectances.
+    Hold,
+}
+
+impl Beyond {
+    /// The choices, the default first.
+    pub const NAMES: [&str; 2] = ["dark", "hold"];
+
+    /// The choice of that name.
+    pub fn parse(name: &str) -> Option<Self> {
+        let index = Self::NAMES.iter().position(|n| *n == name)?;
+        Some([Self::Dark, Self::Hold][index])
+    }
+}
+
 /// The white of a picture of radiance, to which a light level refers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct White {
@@ -124,6 +145,21 @@ pub trait Scene: Send + Sync {
     fn bands(&self) -> Bands;
     /// What the scene's values are.
     fn quantity(&self) -> Quantity;
+    /// From where to where its data reach, nm.
+    fn data_nm(&self) -> [f64; 2] {
+        let bands = self.bands();
+        [bands.edges_nm(0)[0], bands.edges_nm(bands.count.saturating_sub(1))[1]]
+    }
+    /// What the scene is outside [`Self::data_nm`].
+    fn beyond(&self) -> Beyond {
+        Beyond::Dark
+    }
+    /// The same scene in other bands, its data held at their ends; none of a scene that is known
+    /// in its own bands alone.
+    fn in_bands(&self, bands: &Bands) -> Option<Box<dyn Scene>> {
+        let _ = bands;
+        None
+    }
     /// Width over height of the scene's content; `None` for a scene that fills any frame, such as
     /// a chart.
     fn aspect(&self) -> Option<f64>;
@@ -201,6 +237,18 @@ impl Scene for Filling {
 
     fn quantity(&self) -> Quantity {
         self.scene.quantity()
+    }
+
+    fn data_nm(&self) -> [f64; 2] {
+        self.scene.data_nm()
+    }
+
+    fn beyond(&self) -> Beyond {
+        self.scene.beyond()
+    }
+
+    fn in_bands(&self, bands: &Bands) -> Option<Box<dyn Scene>> {
+        Some(filling(self.scene.in_bands(bands)?, self.frame_aspect))
     }
 
     fn aspect(&self) -> Option<f64> {

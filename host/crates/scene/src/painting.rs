@@ -1,7 +1,8 @@
 //! A scene of flat shapes, each of one material.
 
+use super::components::ALL_NM;
 use super::shape::Shape;
-use super::{Components, Grid, Quantity, Scene};
+use super::{Beyond, Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Plane, Result, Spectrum};
 use camrig_light::colour::mixture::Mixer;
 
@@ -10,6 +11,9 @@ use camrig_light::colour::mixture::Mixer;
 #[derive(Clone, Debug)]
 pub struct Painting {
     bands: Bands,
+    /// Reflectance of each material over wavelength.
+    spectra: Vec<Spectrum>,
+    beyond: Beyond,
     /// Reflectance of each material in each band.
     materials: Vec<Vec<f64>>,
     marks: Vec<Mark>,
@@ -34,11 +38,25 @@ impl Painting {
 
     /// A ground of one reflectance.
     pub fn new(bands: Bands, ground: &Spectrum) -> Self {
-        Self { bands, materials: vec![ground.in_bands(&bands)], marks: Vec::new(), least: 0.0 }
+        Self {
+            bands,
+            spectra: vec![ground.clone()],
+            beyond: Beyond::Dark,
+            materials: vec![ground.in_bands(&bands)],
+            marks: Vec::new(),
+            least: 0.0,
+        }
+    }
+
+    /// The same with what materials are beyond the ends of their tables.
+    #[must_use]
+    pub fn with_beyond(self, beyond: Beyond) -> Self {
+        Self { beyond, ..self }
     }
 
     /// Adds a material.
     pub fn material(&mut self, reflectance: &Spectrum) -> Material {
+        self.spectra.push(reflectance.clone());
         self.materials.push(reflectance.in_bands(&self.bands));
         Material(self.materials.len() - 1)
     }
@@ -56,6 +74,21 @@ impl Scene for Painting {
 
     fn quantity(&self) -> Quantity {
         Quantity::Reflectance
+    }
+
+    /// Where the tables of all materials reach; a number holds at all wavelengths.
+    fn data_nm(&self) -> [f64; 2] {
+        let tables = self.spectra.iter().filter(|s| s.samples().nth(1).is_some());
+        tables.map(Spectrum::range_nm).fold(ALL_NM, |[a, b], (c, d)| [a.max(c), b.min(d)])
+    }
+
+    fn beyond(&self) -> Beyond {
+        self.beyond
+    }
+
+    fn in_bands(&self, bands: &Bands) -> Option<Box<dyn Scene>> {
+        let materials = self.spectra.iter().map(|s| s.in_bands(bands)).collect();
+        Some(Box::new(Self { bands: *bands, materials, ..self.clone() }))
     }
 
     fn aspect(&self) -> Option<f64> {
@@ -78,6 +111,8 @@ impl Scene for Painting {
         let mixed = mixer.mix_spectra(&self.materials, &vec![1.0; self.bands.count]);
         let planes = Self {
             bands: Bands { count: mixed.weights[0].len(), ..self.bands },
+            spectra: Vec::new(),
+            beyond: self.beyond,
             materials: mixed.weights,
             marks: self.marks.clone(),
             least: f32::NEG_INFINITY,

@@ -223,7 +223,7 @@ mod tests {
     fn notes(tables: LensTables, (width, height): (usize, usize), bands: &Bands) -> Vec<String> {
         let grid = SensorGrid { width, height, pitch_um: 5.0, fill_factor: 1.0 };
         let extent = tables.extent();
-        let lens = tables.into_lens(&Spectrum::constant(1.0)).unwrap();
+        let lens = tables.into_lens(Spectrum::constant(1.0));
         extent.notes("x", &*lens, &grid, bands)
     }
 

@@ -39,20 +39,19 @@ impl LensTables {
         }
     }
 
-    /// The lens behind a filter: its transmittance times `factor`.
-    ///
-    /// # Errors
-    /// Those of [`Spectrum::times`].
-    pub fn into_lens(self, factor: &Spectrum) -> Result<Box<dyn Lens>> {
-        Ok(match self {
-            Self::Heights(mut lens) => {
-                lens.transmittance = lens.transmittance.times(factor)?;
-                Box::new(lens)
-            }
-            Self::Plane(mut lens) => {
-                lens.transmittance = lens.transmittance.times(factor)?;
-                Box::new(lens)
-            }
-        })
+    /// Transmittance over wavelength.
+    pub fn transmittance(&self) -> &Spectrum {
+        match self {
+            Self::Heights(lens) => &lens.transmittance,
+            Self::Plane(lens) => &lens.transmittance,
+        }
+    }
+
+    /// The lens with another transmittance.
+    pub fn into_lens(self, transmittance: Spectrum) -> Box<dyn Lens> {
+        match self {
+            Self::Heights(lens) => Box::new(Characterisation { transmittance, ..lens }),
+            Self::Plane(lens) => Box::new(PlaneCharacterisation { transmittance, ..lens }),
+        }
     }
 }

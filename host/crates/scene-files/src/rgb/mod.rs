@@ -24,7 +24,7 @@ mod read_radiance;
 mod read_tiff;
 
 use super::cube::{BandSource, Cube};
-use super::{Bands, Components, Quantity, White};
+use super::{Bands, Beyond, Components, Quantity, White};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Plane, Result, options};
 use camrig_light::colour::mixture::Mixer;
@@ -62,6 +62,9 @@ struct Options {
     white: Option<String>,
     /// Layer or part of an OpenEXR file.
     array: Option<String>,
+    /// What lies outside the bands of its spectra.
+    #[serde(default, deserialize_with = "crate::sidecar::beyond")]
+    beyond: Beyond,
 }
 
 /// Whether a file is a picture, and no cube, by its ending and what it holds.
@@ -137,7 +140,7 @@ fn scene_of(mut picture: Picture, options: &Options) -> Result<Cube> {
     };
     let source = Lit { spectra, units };
     let cube = Cube::new(Box::new(source), Bands::VISIBLE.centres().collect(), quantity)?;
-    Ok(cube.with(false, understood, notes).with_white(white))
+    cube.with(false, understood, notes).with_white(white).with_beyond(options.beyond)
 }
 
 /// Spectra of a picture in the unit of the scene.
@@ -173,7 +176,7 @@ impl BandSource for Lit {
 impl Options {
     fn parse(options: &str) -> Result<Self> {
         let help = "the keys of a picture are as (reflectance or radiance), primaries, transfer, \
-                    scale, white and array";
+                    scale, white, array and beyond";
         options::read(None, options, help)
     }
 

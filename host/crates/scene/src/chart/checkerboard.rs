@@ -1,6 +1,7 @@
 //! A checkerboard over the whole plane.
 
 use super::{BANDS, Options};
+use crate::components::{ALL_NM, Grey};
 use crate::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Plane, Result};
 use camrig_light::colour::mixture::Mixer;
@@ -44,6 +45,14 @@ impl Checkerboard {
 impl Scene for Checkerboard {
     fn bands(&self) -> Bands {
         BANDS
+    }
+
+    fn data_nm(&self) -> [f64; 2] {
+        ALL_NM
+    }
+
+    fn in_bands(&self, bands: &Bands) -> Option<Box<dyn Scene>> {
+        Some(Box::new(Grey::new(self.clone(), bands)))
     }
 
     fn quantity(&self) -> Quantity {

@@ -3,8 +3,11 @@
 //! Patches in 4 rows of 6 at a pitch of one unit, each 0.86 units square, on a card of reflectance
 //! 0.035 that reaches a quarter of a unit beyond the outer cells (6.5 x 4.5 units), on a grey
 //! ground (0.18). The card is 0.8 sensor widths wide unless `width=` says otherwise, and centred.
+//! Where a camera sees beyond the patches' data the chart is dark, or held at their ends with
+//! `beyond=hold`.
 
 use super::{BANDS, Options};
+use crate::Beyond;
 use crate::painting::Painting;
 use crate::shape::Shape;
 use camrig_base::table::{SpectralTable, built_in};
@@ -59,7 +62,9 @@ pub fn chart(bands: Bands, width: f64) -> Result<Painting> {
 }
 
 pub(super) fn from_options(options: &mut Options) -> Result<Painting> {
-    chart(BANDS, width(options)?)
+    let width = width(options)?;
+    let beyond = Beyond::parse(options.word("beyond", &Beyond::NAMES)?).unwrap_or_default();
+    Ok(chart(BANDS, width)?.with_beyond(beyond))
 }
 
 /// Width of the card, sensor widths.

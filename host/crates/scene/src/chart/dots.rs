@@ -1,6 +1,7 @@
 //! A square grid of dots, for distortion and lateral colour.
 
 use super::{BANDS, Options};
+use crate::components::{ALL_NM, Grey};
 use crate::shape::Shape;
 use crate::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Plane, Result};
@@ -31,6 +32,14 @@ pub(super) fn from_options(options: &mut Options) -> Result<Dots> {
 impl Scene for Dots {
     fn bands(&self) -> Bands {
         BANDS
+    }
+
+    fn data_nm(&self) -> [f64; 2] {
+        ALL_NM
+    }
+
+    fn in_bands(&self, bands: &Bands) -> Option<Box<dyn Scene>> {
+        Some(Box::new(Grey::new(self.clone(), bands)))
     }
 
     fn quantity(&self) -> Quantity {

@@ -1,6 +1,7 @@
 //! A grey ramp from left to right, continuous or in steps.
 
 use super::{BANDS, Options};
+use crate::components::{ALL_NM, Grey};
 use crate::{Components, Grid, Quantity, Scene};
 use camrig_base::{Bands, Error, Plane, Result};
 use camrig_light::colour::mixture::Mixer;
@@ -51,6 +52,14 @@ impl Ramp {
 impl Scene for Ramp {
     fn bands(&self) -> Bands {
         BANDS
+    }
+
+    fn data_nm(&self) -> [f64; 2] {
+        ALL_NM
+    }
+
+    fn in_bands(&self, bands: &Bands) -> Option<Box<dyn Scene>> {
+        Some(Box::new(Grey::new(self.clone(), bands)))
     }
 
     fn quantity(&self) -> Quantity {
