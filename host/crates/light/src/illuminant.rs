@@ -11,10 +11,12 @@
 //! | `blackbody:3200` | Planck's law, c2 = 1.438776877e-2 m K (CODATA 2018) |
 //! | `FILE.csv` | `wavelength_nm,power`, or as other programs write such tables |
 //!
-//! Outside its table an illuminant keeps its end value; a note says so for tables in files.
+//! Those of the CIE's tables are dark outside them (daylight from 300 to 830 nm): beyond, the
+//! standard says nothing. A table in a file keeps its end values unless it says `# outside: zero`.
+//! A note says so where a camera sees beyond a table.
 
 use camrig_base::table::{SpectralTable, Wanted, built_in};
-use camrig_base::{Bands, Error, Result, Spectrum};
+use camrig_base::{Bands, Error, Outside, Result, Spectrum};
 use std::path::Path;
 
 const DAYLIGHT: &str = include_str!("data/daylight.csv");
@@ -154,14 +156,14 @@ fn daylight(kelvin: f64) -> Result<Spectrum> {
     let [s0, s1, s2] = [0, 1, 2].map(|i| &basis.curves[i].1);
     // Far in the ultraviolet the components can leave a tiny negative power.
     let power = (0..s0.len()).map(|i| (s0[i] + m1 * s1[i] + m2 * s2[i]).max(0.0)).collect();
-    Spectrum::new(basis.wavelength_nm, power)
+    Ok(Spectrum::new(basis.wavelength_nm, power)?.outside(Outside::Zero))
 }
 
 /// A lamp of the fluorescent and LED tables.
 fn lamp(name: &str) -> Result<Option<Spectrum>> {
     for table in [built_in(FLUORESCENT), built_in(LED)] {
         if let Some(column) = table.column(name) {
-            return table.spectrum(column).map(Some);
+            return Ok(Some(table.spectrum(column)?.outside(Outside::Zero)));
         }
     }
     Ok(None)

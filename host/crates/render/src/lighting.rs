@@ -5,6 +5,7 @@
 //! renders a scene opens it here, so that no program records a light that was not applied.
 
 use super::About;
+use super::reach::Sight;
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
@@ -164,7 +165,9 @@ impl SceneInLight {
         let mut notes = self.scene.notes();
         notes.extend(self.done.iter().cloned());
         notes.extend(camera.notes(&bands));
-        notes.extend(self.illuminant.iter().flat_map(|light| light.notes(&bands)));
+        let seen = Sight::new(camera, None).bands([0.0, f64::INFINITY]).unwrap_or(bands);
+        let seen = with_visible(&seen);
+        notes.extend(self.illuminant.iter().flat_map(|light| light.notes(&seen)));
         notes
     }
 
@@ -215,8 +218,8 @@ pub fn radiance_at(
     Ok((asked / own, note))
 }
 
-/// Bands about all of the others and of visible light. Bands of a chart end where a table of the
-/// camera does, which is worth a note where there would be light.
+/// Bands about all of the others and of visible light: those of a chart end where a table of
+/// camera or light does, which is worth a note.
 fn with_visible(bands: &Bands) -> Bands {
     let (visible, last) = (Bands::VISIBLE, |bands: &Bands| bands.nm(bands.count - 1));
     let start_nm = bands.start_nm.min(visible.start_nm);
