@@ -95,7 +95,7 @@ fn page(
     let cells = optics.oversample.iter().max().unwrap_or(&1);
     let shots = SHOTS.map(|(lux, exposure_s)| format!("{lux} lx, {} ms", exposure_s * 1e3));
     let made_of = [
-        ("scene", "ColorChecker, 31 spectral bands".to_owned()),
+        ("scene", format!("ColorChecker, {} spectral bands", optics.oversample.len())),
         ("illuminant", light.name.clone()),
         ("frames", shots.join("; ")),
         ("camera", format!("{CAMERA}, the sensor of Chen et al. 2009")),
