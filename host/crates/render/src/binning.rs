@@ -249,7 +249,7 @@ mod tests {
             let seen = scene_irradiance(&camera, "uniform:0.5", &light, &options, |_, _| ());
             let cube = seen.unwrap().cube;
             let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
-            f64::from(sensor.electrons(&cube, &camera.settings(0, 1.0, None)).unwrap().data[0])
+            f64::from(sensor.electrons(&cube, &camera.settings(0, 0.01, None)).unwrap().data[0])
         };
         // QE even from 400 to 1000 nm: ∫ λ dλ = (1000² - 400²) / 2 nm².
         let wide = of(curve(&[400.0, 1000.0], &[0.5, 0.5]), None);
