@@ -136,9 +136,9 @@ impl<'a, S> Run<'a, S> {
         Ok(run)
     }
 
-    /// Takes the steps, by level and row, that a row needs to leave the run.
+    /// The steps, by level and row, that a row needs to leave the run.
     #[inline(always)]
-    fn advance(&mut self, row: u32, mut step: impl FnMut(&mut Self, usize, u32)) {
+    fn steps(&self, row: u32) -> impl Iterator<Item = (usize, u32)> + use<S> {
         let (depth, height) = (self.windows.len() as u32, self.cx.height);
         // Rows move through the windows one behind the other: when row t enters the first window,
         // row t - 1 leaves it and enters the second, and so on. A row that follows the last one
@@ -151,14 +151,12 @@ impl<'a, S> Run<'a, S> {
         };
         let held = self.windows.iter().enumerate().all(ready);
         let first = if held { row + depth } else { row.saturating_sub(depth) };
-        for t in first..=row + depth {
-            for level in 0..=depth {
-                let requested = level < depth || t == row + depth;
-                if requested && t >= level && t - level < height {
-                    step(self, level as usize, t - level);
-                }
-            }
-        }
+        let steps = (first..=row + depth).flat_map(move |t| (0..=depth).map(move |l| (l, t)));
+        steps.filter_map(move |(level, t)| {
+            let requested = level < depth || t == row + depth;
+            let there = requested && t >= level && t - level < height;
+            there.then(|| (level as usize, t - level))
+        })
     }
 
     /// A row on its way through a level: from the level's window to the next window, or to the end
@@ -226,9 +224,9 @@ impl<S: Copy> Before<'_, S> {
     ) -> &[Block<S>] {
         let chain = chain.get(..self.links).unwrap_or_default();
         let ratio = self.exposure_ratio;
-        self.run.advance(row, |run, level, row| {
-            let cx = Context { row, ..run.cx };
-            let Some(at) = run.at(level, row) else { return };
+        for (level, row) in self.run.steps(row) {
+            let cx = Context { row, ..self.run.cx };
+            let Some(at) = self.run.at(level, row) else { continue };
             if at.beside.is_none() {
                 source.previous_mean_row(row, at.out);
                 if ratio != 1.0 {
@@ -245,7 +243,7 @@ impl<S: Copy> Before<'_, S> {
             if let Some(held) = at.held {
                 *held = Some(row);
             }
-        });
+        }
         self.run.row
     }
 }
@@ -346,9 +344,9 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             return;
         }
         let Self { config, chain, light, now, before } = self;
-        now.advance(row, |run, level, row| {
-            let cx = Context { row, ..run.cx };
-            let Some(at) = run.at(level, row) else { return };
+        for (level, row) in now.steps(row) {
+            let cx = Context { row, ..now.cx };
+            let Some(at) = now.at(level, row) else { continue };
             let (beside, out) = (at.beside, at.out);
             if beside.is_none() {
                 source.mean_row(row, out);
@@ -378,7 +376,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             if let Some(held) = at.held {
                 *held = Some(row);
             }
-        });
+        }
         let gain = now.cx.dn_per_e;
         let (black, max) = (config.black_level_dn, config.max_dn());
         for (block, out) in now.row.iter().zip(out.chunks_mut(BLOCK)) {

@@ -97,7 +97,7 @@ fn messages_say_what_where_and_what_is_accepted() {
     assert_eq!(
         said(&[read_noise::ReadNoise { read_e: 2.0, read_e_post: 0.0 }.into(), shot]),
         "effect 1 (shot-noise) acts on light, but follows read-noise, which acts on voltage; the \
-         order is light, photo-electrons, charge, voltage"
+         order is light, shot noise, photo-electrons, charge, voltage"
     );
     let coupling = charge_coupling::ChargeCoupling { side: 0.01, vertical: 0.0, diagonal: 0.0 };
     assert_eq!(

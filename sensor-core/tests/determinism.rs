@@ -77,11 +77,15 @@ fn everything() -> Vec<Vec<Effect>> {
             .map(|p| p.default.unwrap_or((p.min + 0.6 * (p.max - p.min)).min(0.5).max(p.min)))
             .collect();
         let effect = Effect::new(entry.id, &values).expect(entry.kind);
-        vec![
+        let mut chain = vec![
             shot_noise::ShotNoise {}.into(),
             effect,
             read_noise::ReadNoise { read_e: 3.0, read_e_post: 0.0 }.into(),
-        ]
+        ];
+        if entry.domain == Domain::Light {
+            chain.swap(0, 1);
+        }
+        chain
     }));
     chains
 }

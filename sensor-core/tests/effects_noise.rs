@@ -17,9 +17,9 @@ const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
 in_both_arithmetics! {
     column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
     random_telegraph_noise heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
-    light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
     what_lags_is_charge_that_was_held crosstalk_of_the_frame_before_lags
     less_light_has_its_own_shot_noise much_light_has_the_law_of_poisson
+    light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
     amp_glow dark_current_gradient
 }
 

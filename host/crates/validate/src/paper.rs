@@ -316,7 +316,7 @@ impl Figures {
             xx += (x - mean(0)).powi(2);
         }
         let mtf50 = model.mtf.mtf50_cycles_per_pixel;
-        let mtf50_std_error = self.mtf.mtf50_std_error.hypot(model.mtf.mtf50_std_error);
+        let mtf50_std_error = libm::hypot(self.mtf.mtf50_std_error, model.mtf.mtf50_std_error);
         Ok(Differences {
             mtf50_percent: 100.0 * (self.mtf.mtf50_cycles_per_pixel / mtf50 - 1.0),
             mtf50_std_error_percent: 100.0 * mtf50_std_error / mtf50,
