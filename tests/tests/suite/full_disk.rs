@@ -62,7 +62,6 @@ fn every_command_says_so_and_leaves_no_half_file() {
         "scene export ramp -o disk/ramp",
         "scene add cube/ramp.hdr --library disk/library --name ramp",
         "measure ptc captures --report disk/page.html",
-        "demo -o disk/demo",
         "man -o disk/man",
     ];
     // A page of the disk holds 4 KiB; the part of a file written before the disk fills must not
