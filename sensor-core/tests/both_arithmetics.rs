@@ -69,7 +69,7 @@ fn they_agree_over_the_ranges_of_their_parameters() {
         config.black_level_dn = (next() * f64::from(config.max_dn()) * 0.2) as f32;
         let analog_gain = 16f64.powf(somewhere(&mut next));
         let most = f64::from(config.max_dn()) * analog_gain * system_gain.max(1.0);
-        let least = (most / MAX_DN_PER_E).max(1.0).min(524_287.0);
+        let least = (most / MAX_DN_PER_E).clamp(1.0, 524_287.0);
         config.full_well_e = (least * (524_287.0 / least).powf(somewhere(&mut next))) as f32;
         let settings = FrameSettings::new((1e-4 * 1e4f64.powf(next())) as f32)
             .with_gain(analog_gain as f32)
@@ -78,7 +78,8 @@ fn they_agree_over_the_ranges_of_their_parameters() {
         let full = f64::from(config.full_well_e);
         let light = (1e4 * full).powf(next());
         let lamp = (light * 1e6f64.powf(next())).min(1e9);
-        let at = |x: u32, y: u32| if (x * 7 + y * 5) % 23 == 0 { lamp } else { light } as f32;
+        let at =
+            |x: u32, y: u32| if (x * 7 + y * 5).is_multiple_of(23) { lamp } else { light } as f32;
         let float = frame::<Float>(&config, &settings, &mut Means(at));
         let fixed = frame::<Fixed>(&config, &settings, &mut Means(at));
         for (i, (a, b)) in float.iter().zip(&fixed).enumerate() {
