@@ -13,6 +13,7 @@ use super::scan::Scan;
 use super::transfer::Transfer;
 use camrig_base::tails;
 use camrig_captures::{CaptureSet, Role};
+use camrig_linear::dot;
 
 /// Decrease of χ² from which a curve is accepted. Of 350 sets without one, 2 exceeded 17 and none
 /// exceeded this (numpy simulations of wandering offsets and lamps).
@@ -131,10 +132,6 @@ impl Means {
         let scale = if of_light { self.signal } else { 1.0 };
         shape.centred(self.values.len()).into_iter().map(|s| s * scale).collect()
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// A curve fitted to stacks.

@@ -130,6 +130,12 @@ impl Finding {
         }
     }
 
+    /// The same with the number of samples, pixels or frames affected.
+    #[must_use]
+    pub fn with_count(self, count: usize) -> Self {
+        Self { count, ..self }
+    }
+
     /// The same with an amount, its standard error and its unit; NaN stands for unknown.
     #[must_use]
     pub fn with_amount(mut self, value: f64, std_error: f64, unit: &str) -> Self {

@@ -247,8 +247,7 @@ fn same_noise(levels: &[Level], i: usize) -> bool {
 pub fn finding(set: &CaptureSet, label: &Label) -> Finding {
     let id = &set.captures[label.capture].id;
     let percent = 100.0 * (label.ratio - 1.0);
-    let mut finding = Finding::new(Kind::LightLabel, id.clone(), Done::Corrected);
-    finding.count = 1;
+    let finding = Finding::new(Kind::LightLabel, id.clone(), Done::Corrected).with_count(1);
     let more = if percent > 0.0 { "more" } else { "less" };
     finding.with_amount(label.ratio, label.std_error, "1").with_description(format!(
         "captures.toml states {:.4} ± {:.4} times the light × exposure of these frames, {:.2} % \

@@ -122,6 +122,26 @@ fn subtract_means(plane: &mut [f32], width: usize) {
     }
 }
 
+/// Ids of the captures of some stacks.
+fn ids<'a>(set: &'a CaptureSet, scans: &[Scan], lags: &[&Lags]) -> Vec<&'a str> {
+    lags.iter().map(|l| set.captures[scans[l.stack].capture].id.as_str()).collect()
+}
+
+/// A finding about processed captures.
+fn finding(ids: &[&str]) -> Finding {
+    Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Reported).with_count(ids.len())
+}
+
+/// Whether the figures of all stacks are significant, each above its least size, and equal to within
+/// what one filter causes.
+fn are_alike(figures: &[f64], least: impl Iterator<Item = f64>) -> bool {
+    let same_sign = |f: &f64| f.signum() == figures[0].signum();
+    let significant = figures.iter().zip(least).all(|(f, least)| f.abs() > least && same_sign(f));
+    let sizes = || figures.iter().map(|f| f.abs());
+    let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
+    significant && high <= MAX_RATIO * low
+}
+
 /// The finding about frames of a set without colour filters that a camera demosaiced. In the light,
 /// pixels of different filters differ in noise on any sensor; in the dark, and by the same ratio,
 /// they do not.
@@ -133,21 +153,14 @@ pub fn demosaiced(set: &CaptureSet, scans: &[Scan], lags: &[Lags]) -> Option<Fin
         return None;
     }
     let contrasts: Vec<f64> = lags.iter().map(|l| l.contrast()).collect();
-    let significant = lags.iter().zip(&contrasts).all(|(l, c)| {
-        c.abs() > MIN_CONTRAST.max(MIN_ERRORS * l.contrast_error())
-            && c.signum() == contrasts[0].signum()
-    });
-    let sizes = || contrasts.iter().map(|c| c.abs());
-    let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
-    if !significant || high > MAX_RATIO * low {
+    let least = |l: &Lags| MIN_CONTRAST.max(MIN_ERRORS * l.contrast_error());
+    if !are_alike(&contrasts, lags.iter().map(|l| least(l))) {
         return None;
     }
-    let mean = sizes().sum::<f64>() / contrasts.len() as f64;
-    let ids: Vec<&str> =
-        lags.iter().map(|l| set.captures[scans[l.stack].capture].id.as_str()).collect();
-    let mut finding = Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Reported);
-    finding.count = lags.len();
-    Some(finding.with_amount((1.0 - mean) / (1.0 + mean), f64::NAN, "1").with_description(format!(
+    let mean = contrasts.iter().map(|c| c.abs()).sum::<f64>() / contrasts.len() as f64;
+    let ids = ids(set, scans, &lags);
+    let finding = finding(&ids).with_amount((1.0 - mean) / (1.0 + mean), f64::NAN, "1");
+    Some(finding.with_description(format!(
         "the frames were processed: the noise of one half of a checkerboard has {:.2} times the \
          variance of the other half, equally in the dark and in the light ({}), like the \
          interpolated pixels of a demosaiced picture. Variances are not those of the sensor, and no \
@@ -177,23 +190,16 @@ pub fn filtered(
     }
     let correlations: Vec<[f64; 2]> = lags.iter().map(|l| l.correlation()).collect();
     for k in 0..2 {
-        let significant = lags.iter().zip(&correlations).all(|(l, c)| {
-            c[k].abs() > MIN_CORRELATION.max(MIN_ERRORS / l.samples.sqrt())
-                && c[k].signum() == correlations[0][k].signum()
-        });
-        let sizes = || correlations.iter().map(|c| c[k].abs());
-        let (low, high) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
-        if !significant || high > MAX_RATIO * low {
+        let along: Vec<f64> = correlations.iter().map(|c| c[k]).collect();
+        let least = |l: &Lags| MIN_CORRELATION.max(MIN_ERRORS / l.samples.sqrt());
+        if !are_alike(&along, lags.iter().map(|l| least(l))) {
             return None;
         }
     }
     let mean = |k: usize| correlations.iter().map(|c| c[k]).sum::<f64>() / lags.len() as f64;
-    let ids: Vec<&str> =
-        lags.iter().map(|l| set.captures[scans[l.stack].capture].id.as_str()).collect();
+    let ids = ids(set, scans, &lags);
     let what = if mean(0) > 0.0 { "smoothed" } else { "sharpened" };
-    let mut finding = Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Reported);
-    finding.count = lags.len();
-    Some(finding.with_amount(mean(0), f64::NAN, "1").with_description(format!(
+    Some(finding(&ids).with_amount(mean(0), f64::NAN, "1").with_description(format!(
         "the frames were processed: the correlation of neighbouring pixels' noise is {:.3} along \
          rows and {:.3} along columns, equally in the dark and in the light ({}), as in frames that \
          a camera {what}. Variances are not those of the sensor, and no effect is identified from \
@@ -206,9 +212,7 @@ pub fn filtered(
 
 /// The finding about frames that were compressed in blocks of 8 x 8.
 pub fn transformed(set: &CaptureSet, scan: &Scan, blocks: &Blocks) -> Finding {
-    let id = &set.captures[scan.capture].id;
-    let mut finding = Finding::new(Kind::ProcessedFrames, id.clone(), Done::Reported);
-    finding.count = 1;
+    let finding = finding(&[&set.captures[scan.capture].id]);
     finding.with_amount(blocks.step_dn, f64::NAN, "DN").with_description(format!(
         "the frames were processed: coefficients of cosine transforms in blocks of 8 x 8 pixels \
          are multiples of {:.2} DN, as after lossy compression (test statistic {:.0} at the position \

@@ -14,9 +14,8 @@ pub fn finding(set: &CaptureSet) -> Option<Finding> {
         return None;
     }
     let all = darks_and_flats(set).count();
-    let mut finding = Finding::new(Kind::Temperature, unknown.join(", "), Done::Reported);
-    finding.count = unknown.len();
-    Some(finding.with_description(format!(
+    let finding = Finding::new(Kind::Temperature, unknown.join(", "), Done::Reported);
+    Some(finding.with_count(unknown.len()).with_description(format!(
         "captures.toml has no temperature for {} of {all} dark and flat stacks; that of the camera \
          file is assumed. These captures cannot distinguish an unusual dark current from an \
          unusual temperature; add temperature_c",

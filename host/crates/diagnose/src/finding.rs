@@ -23,6 +23,16 @@ pub struct Finding {
     pub shown: Option<Shown>,
 }
 
+impl Finding {
+    /// A shape in a quantity, whose amount depends on the conditions as that quantity does.
+    pub(crate) fn new(domain: Domain, form: Form, evidence: [f64; 2]) -> Self {
+        let on = |quantity| f64::from(u8::from(domain == quantity));
+        let dependence = Dependence { exposure: on(Domain::Dark), signal: on(Domain::Gain) };
+        let (parameters, description) = (Vec::new(), String::new());
+        Self { domain, form, dependence, parameters, evidence, description, shown: None }
+    }
+}
+
 /// A value with its standard error, to two digits of the error.
 pub fn number(e: Estimated) -> String {
     let digits = match libm::log10(e.se).floor() {

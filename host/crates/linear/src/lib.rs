@@ -23,6 +23,18 @@ pub type Matrix = nalgebra::DMatrix<f64>;
 /// A column of any length.
 pub type Vector = nalgebra::DVector<f64>;
 
+/// Σ aᵢ bᵢ over the common length.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Mean of values, and their sample variance (divisor n − 1).
+pub fn moments(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (mean, values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0))
+}
+
 /// a b.
 ///
 /// # Panics
@@ -141,6 +153,13 @@ mod tests {
         // Of all solutions of x₁ + 2 x₂ = 1 the nearest to zero.
         let x = singular.solve(&y, 1e-12 * singular.largest()).unwrap();
         assert!((x[0] - 0.2).abs() < 1e-14 && (x[1] - 0.4).abs() < 1e-14, "{x}");
+    }
+
+    #[test]
+    fn the_variance_of_a_sample_is_unbiased() {
+        assert_eq!(moments(&[1.0, 2.0, 6.0]), (3.0, 7.0));
+        assert_eq!(moments(&[4.0]), (4.0, 0.0));
+        assert_eq!(dot(&[1.0, 2.0], &[3.0, 4.0, 5.0]), 11.0);
     }
 
     #[test]

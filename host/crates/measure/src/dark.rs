@@ -44,11 +44,10 @@ impl DarkLine {
                 DarkPoint { exposure_s: d.exposure_s, mean_dn }
             })
             .collect();
-        let column = |of: fn(&DarkPoint) -> f64| points.iter().map(of).collect::<Vec<f64>>();
-        let design: Vec<Vec<f64>> = points.iter().map(|p| vec![1.0, p.exposure_s]).collect();
-        let (means, errors) = (column(|p| p.mean_dn.value), column(|p| p.mean_dn.std_error));
-        let line = Fit::new(&design, &means, &errors).ok();
-        Self { line: line.filter(|_| spans(&column(|p| p.exposure_s))), points }
+        let datum = |p: &DarkPoint| (vec![1.0, p.exposure_s], p.mean_dn);
+        let line = Fit::new(&points.iter().map(datum).collect::<Vec<_>>()).ok();
+        let exposures: Vec<f64> = points.iter().map(|p| p.exposure_s).collect();
+        Self { line: line.filter(|_| spans(&exposures)), points }
     }
 
     /// Mean of the dark at an exposure time (s), DN: of the darks of that exposure, otherwise on
@@ -103,19 +102,16 @@ pub fn doubling(darks: &[Level], others: &[Level], channel: usize) -> Option<Val
             None => groups.push(vec![level.clone()]),
         }
     }
-    let mut design = Vec::new();
     let mut logs = Vec::new();
-    let mut errors = Vec::new();
     for group in &groups {
         let Some(rate) = DarkLine::of(group, channel).offset_and_rate().1 else { continue };
         if rate.value > MIN_RATE * rate.std_error {
             let sum: f64 = group.iter().filter_map(|l| l.temperature_c).sum();
-            design.push(vec![1.0, sum / group.len() as f64]);
-            logs.push(libm::log(rate.value));
-            errors.push(rate.std_error / rate.value);
+            let log = Value::new(libm::log(rate.value), rate.std_error / rate.value);
+            logs.push((vec![1.0, sum / group.len() as f64], log));
         }
     }
-    let fit = Fit::new(&design, &logs, &errors).ok()?;
+    let fit = Fit::new(&logs).ok()?;
     let slope = fit.coefficients[1];
     let step = std::f64::consts::LN_2 / slope;
     (slope > 0.0).then(|| Value::new(step, step * fit.std_error(1) / slope))

@@ -1,5 +1,6 @@
 //! Weighted linear least squares with the covariance of the coefficients.
 
+use super::value::Value;
 use camrig_base::{Error, Result};
 use camrig_linear::{Matrix, Singular, Vector, apply, inverse, product};
 
@@ -21,25 +22,27 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Fits `y ≈ Σ c_j design[i][j]` where `y[i]` has standard error `error[i]`.
+    /// Fits `y ≈ Σ c_j x_j` to `data`: for each datum its row x of the design, and y with its
+    /// standard error.
     ///
     /// # Errors
     /// Fewer data than coefficients, errors that are not positive, or a design whose columns are
     /// not independent.
-    pub fn new(design: &[Vec<f64>], y: &[f64], error: &[f64]) -> Result<Self> {
-        let (rows, columns) = (y.len(), design.first().map_or(0, Vec::len));
+    pub fn new(data: &[(Vec<f64>, Value)]) -> Result<Self> {
+        let (rows, columns) = (data.len(), data.first().map_or(0, |(row, _)| row.len()));
+        let error = |i: usize| data[i].1.std_error;
         if rows < columns || columns == 0 {
             return Err(Error::input(format!("{rows} data for a fit of {columns} unknowns")));
         }
-        if !error.iter().all(|e| *e > 0.0 && e.is_finite()) {
+        if !(0..rows).map(error).all(|e| e > 0.0 && e.is_finite()) {
             return Err(Error::input("a fit to data without a positive error"));
         }
         // Columns are scaled to unit length, so that their units have no influence on the
         // condition.
-        let weighted = Matrix::from_fn(rows, columns, |i, j| design[i][j] / error[i]);
+        let weighted = Matrix::from_fn(rows, columns, |i, j| data[i].0[j] / error(i));
         let scale: Vec<f64> = (0..columns).map(|j| weighted.column(j).norm()).collect();
         let scaled = Matrix::from_fn(rows, columns, |i, j| weighted[(i, j)] / scale[j]);
-        let target = Vector::from_fn(rows, |i, _| y[i] / error[i]);
+        let target = Vector::from_fn(rows, |i, _| data[i].1.value / error(i));
         let degenerate = || Error::input("the data do not determine every unknown of a fit");
         if scale.iter().any(|s| !(*s > 0.0 && s.is_finite())) {
             return Err(degenerate());
@@ -88,9 +91,8 @@ mod tests {
     fn straight_line_has_textbook_errors() {
         // y = 2 + 3 x at x = 0..4 with unit errors: var(slope) = 1 / Σ(x - 2)² = 1/10,
         // var(intercept) = 1/5 + 4/10.
-        let design: Vec<Vec<f64>> = (0..5).map(|x| vec![1.0, f64::from(x)]).collect();
-        let y: Vec<f64> = (0..5).map(|x| 2.0 + 3.0 * f64::from(x)).collect();
-        let fit = Fit::new(&design, &y, &[1.0; 5]).unwrap();
+        let datum = |x: f64| (vec![1.0, x], Value::new(2.0 + 3.0 * x, 1.0));
+        let fit = Fit::new(&[0.0, 1.0, 2.0, 3.0, 4.0].map(datum)).unwrap();
         assert!((fit.coefficients[0] - 2.0).abs() < 1e-12);
         assert!((fit.coefficients[1] - 3.0).abs() < 1e-12);
         assert!((fit.covariance(1, 1) - 0.1).abs() < 1e-12);
@@ -100,9 +102,9 @@ mod tests {
 
     #[test]
     fn undetermined_coefficients_are_an_error() {
-        let design = vec![vec![1.0, 2.0]; 4];
-        assert!(Fit::new(&design, &[1.0; 4], &[1.0; 4]).is_err());
-        assert!(Fit::new(&[vec![1.0, 0.0]], &[1.0], &[1.0]).is_err());
-        assert!(Fit::new(&[vec![1.0], vec![1.0]], &[1.0, 1.0], &[1.0, 0.0]).is_err());
+        let datum = |row: &[f64], error| (row.to_vec(), Value::new(1.0, error));
+        assert!(Fit::new(&[0; 4].map(|_| datum(&[1.0, 2.0], 1.0))).is_err());
+        assert!(Fit::new(&[datum(&[1.0, 0.0], 1.0)]).is_err());
+        assert!(Fit::new(&[datum(&[1.0], 1.0), datum(&[1.0], 0.0)]).is_err());
     }
 }

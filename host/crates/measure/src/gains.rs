@@ -91,12 +91,13 @@ pub fn measure(set: &CaptureSet) -> Result<Option<Gains>> {
 
 /// Read noise at unity gain and from after the gain stage, by a weighted line of σ² over 1/g².
 fn parts(gains: &[AtGain]) -> (Option<Value>, Option<Value>) {
-    let known: Vec<(f64, Value)> =
-        gains.iter().filter_map(|g| Some((g.analog_gain, g.read_noise_e?))).collect();
-    let design: Vec<Vec<f64>> = known.iter().map(|(g, _)| vec![1.0, 1.0 / (g * g)]).collect();
-    let variance: Vec<f64> = known.iter().map(|(_, s)| s.value * s.value).collect();
-    let errors: Vec<f64> = known.iter().map(|(_, s)| 2.0 * s.value * s.std_error).collect();
-    let Ok(fit) = Fit::new(&design, &variance, &errors) else { return (None, None) };
+    let variance = |at: &AtGain| {
+        let (g, s) = (at.analog_gain, at.read_noise_e?);
+        let variance = Value::new(s.value * s.value, 2.0 * s.value * s.std_error);
+        Some((vec![1.0, 1.0 / (g * g)], variance))
+    };
+    let variances: Vec<_> = gains.iter().filter_map(variance).collect();
+    let Ok(fit) = Fit::new(&variances) else { return (None, None) };
     let at_one = fit.covariance(0, 0) + 2.0 * fit.covariance(0, 1) + fit.covariance(1, 1);
     let unity = Value::sqrt(fit.coefficients[0] + fit.coefficients[1], at_one.sqrt());
     (unity, Value::sqrt(fit.coefficients[1], fit.covariance(1, 1).sqrt()))

@@ -166,6 +166,13 @@ pub fn exposures(flats: &[Level]) -> Option<Vec<f64>> {
     same.then(|| flats.iter().map(|f| f.exposure_s).collect())
 }
 
+/// The error for a stack of one frame.
+pub(crate) fn single_frame(place: String) -> Error {
+    Error::input("temporal noise needs more than one frame")
+        .at(place)
+        .help("provide at least two frames per capture")
+}
+
 /// Refuses darks that cannot be measured.
 ///
 /// # Errors
@@ -175,9 +182,7 @@ pub fn check_darks(set: &CaptureSet, darks: &[Level]) -> Result<()> {
         for (channel, m) in dark.channels.iter().enumerate() {
             let place = format!("dark capture {:?}, channel {channel}", dark.id);
             if m.frames < 2 {
-                return Err(Error::input("temporal noise needs more than one frame")
-                    .at(place)
-                    .help("provide at least two frames per capture"));
+                return Err(single_frame(place));
             }
             if m.whites > SATURATED_DARK {
                 return Err(Error::input("a dark capture is saturated").at(place));

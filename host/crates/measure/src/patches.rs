@@ -8,6 +8,7 @@
 
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Cfa, Error, ErrorCode, Plane, Result};
+use camrig_linear::moments;
 use camrig_scene::chart::colorchecker::{COLUMNS, ROWS};
 use serde::Serialize;
 
@@ -115,9 +116,8 @@ pub fn measure<T: Copy + Into<f64>>(
                 .map(|cell| (0..channels).map(|c| weights[c] * cell[c] / balance[c] * level).sum())
                 .collect();
             let of = |values: &[f64]| {
-                let mean = values.iter().sum::<f64>() / n;
-                let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-                (mean, (square / (n - 1.0)).sqrt())
+                let (mean, variance) = moments(values);
+                (mean, variance.sqrt())
             };
             let (y, sd) = of(&luminance);
             let fourth = luminance.iter().map(|v| ((v - y) / sd).powi(4)).sum::<f64>() / n;

@@ -3,6 +3,7 @@
 
 use camrig_base::median::median;
 use camrig_base::{Cfa, Error, Plane, Result};
+use camrig_linear::dot;
 use serde::Serialize;
 
 /// Rings of the relative illumination: the width of one is a twentieth of the half diagonal.
@@ -175,7 +176,6 @@ pub fn displacements(profile: &Profile, reference: &Profile) -> Vec<[f64; 2]> {
             part.iter().map(|v| v - mean).collect()
         };
         let (p, q) = (window(a, at.saturating_add_signed(shift)), window(b, at));
-        let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(x, y)| x * y).sum::<f64>();
         dot(&p, &q) / (dot(&p, &p) * dot(&q, &q)).sqrt()
     };
     let found = range.filter(is_edge).filter_map(|i| {

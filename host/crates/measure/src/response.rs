@@ -33,21 +33,22 @@ pub struct Response {
 }
 
 impl Response {
-    /// Fits mean signals `s` (dark subtracted, standard errors `error`) over amounts of light `h`:
+    /// Fits mean signals s (dark subtracted) over amounts of light h, as points (h, s):
     /// `s = offset + R h + q' h²`, and a cubic term where it lowers χ² by more than nine times the
     /// remaining scatter. `None` with fewer than five levels.
     ///
     /// Errors are widened to the scatter, which includes that of the light.
-    pub fn fit(h: &[f64], s: &[f64], error: &[f64]) -> Option<Self> {
-        if h.len() < MIN_LEVELS {
+    pub fn fit(points: &[(f64, Value)]) -> Option<Self> {
+        if points.len() < MIN_LEVELS {
             return None;
         }
-        let powers = |n: i32| -> Vec<Vec<f64>> {
-            h.iter().map(|&h| (0..=n).map(|k| h.powi(k)).collect()).collect()
+        let to_power = |n: i32| {
+            let datum = |&(h, s): &(f64, Value)| ((0..=n).map(|k| f64::powi(h, k)).collect(), s);
+            Fit::new(&points.iter().map(datum).collect::<Vec<_>>())
         };
-        let mut fit = Fit::new(&powers(2), s, error).ok()?;
-        if h.len() >= MIN_LEVELS_CUBIC
-            && let Ok(cubic) = Fit::new(&powers(3), s, error)
+        let mut fit = to_power(2).ok()?;
+        if points.len() >= MIN_LEVELS_CUBIC
+            && let Ok(cubic) = to_power(3)
             && fit.chi2 - cubic.chi2 > CUBIC_GAIN * cubic.reduced_chi2().max(1.0)
         {
             fit = cubic;
@@ -94,10 +95,12 @@ mod tests {
 
     #[test]
     fn recovers_a_curve_and_inverts_it() {
-        let h: Vec<f64> = (1..=8).map(|k| f64::from(k) * 10.0).collect();
         let curve = |x: f64| x - 2e-5 * x * x;
-        let s: Vec<f64> = h.iter().map(|h| curve(12.0 * h)).collect();
-        let r = Response::fit(&h, &s, &[0.01; 8]).unwrap();
+        let point = |k: i32| {
+            let h = f64::from(k) * 10.0;
+            (h, Value::new(curve(12.0 * h), 0.01))
+        };
+        let r = Response::fit(&(1..=8).map(point).collect::<Vec<_>>()).unwrap();
         assert!((r.quadratic.value + 2e-5).abs() < 1e-11, "{r:?}");
         assert!((r.responsivity.value - 12.0).abs() < 1e-6);
         assert!((r.linearise(curve(700.0)) - 700.0).abs() < 1e-6);

@@ -7,6 +7,7 @@ use super::spatial::PlaneMoments;
 use super::strips::{self, StripMoments};
 use camrig_base::{Error, Result};
 use camrig_captures::{SensorFacts, StoredFrame};
+use camrig_linear::moments;
 use rayon::prelude::*;
 use std::hash::{DefaultHasher, Hasher};
 
@@ -232,7 +233,7 @@ impl Sums {
         let variance_sum = scale * sum(&|m: &StripMoments| m.variances[site]);
         let square_sum = scale * scale * sum(&|m: &StripMoments| m.variances_sq[site]);
         let frame_means: Vec<f64> = self.frame_sums[site].iter().map(|sum| sum / n).collect();
-        let drift = variance(&frame_means);
+        let (_, drift) = moments(&frame_means);
         Moments {
             plane,
             sites: 1,
@@ -293,14 +294,6 @@ fn mark<'a>(strips: impl Iterator<Item = &'a Tally>) -> u64 {
         hasher.write_u16(strip.largest);
     }
     hasher.finish()
-}
-
-fn variance(values: &[f64]) -> f64 {
-    if values.len() < 2 {
-        return 0.0;
-    }
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1) as f64
 }
 
 #[cfg(test)]

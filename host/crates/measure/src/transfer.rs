@@ -257,11 +257,8 @@ impl Transfer {
 }
 
 fn fit_response(light: &[f64], signal: &[Value], used: &[bool]) -> Option<Response> {
-    let chosen: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
-    let h: Vec<f64> = chosen.iter().map(|&i| light[i]).collect();
-    let s: Vec<f64> = chosen.iter().map(|&i| signal[i].value).collect();
-    let e: Vec<f64> = chosen.iter().map(|&i| signal[i].std_error).collect();
-    Response::fit(&h, &s, &e)
+    let chosen = (0..used.len()).filter(|&i| used[i]);
+    Response::fit(&chosen.map(|i| (light[i], signal[i])).collect::<Vec<_>>())
 }
 
 struct Data<'a> {
@@ -308,25 +305,22 @@ impl Data<'_> {
         let mut scatter = 1.0;
         let mut pass = 0;
         loop {
-            let mut design: Vec<Vec<f64>> = Vec::with_capacity(levels.len() + 1);
-            for (flat, level) in &levels {
+            let widened = f64::max(scatter, 1.0).sqrt();
+            let mut data: Vec<(Vec<f64>, Value)> = Vec::with_capacity(levels.len() + 1);
+            for (i, (flat, level)) in levels.iter().enumerate() {
                 let s = flat.map_or(0.0, |i| self.signal[i].value);
                 let mut row = vec![abscissa(s, curve.as_ref()), 1.0];
                 row.extend(curve.map(|c| gain * abscissa_slope(s, &c)));
                 row.extend(has_rate.then_some(level.exposure_s));
-                design.push(row);
+                data.push((row, Value::new(measured[i], errors[i] * widened)));
             }
-            let mut y = measured.clone();
-            let mut e: Vec<f64> =
-                errors.iter().map(|e| e * f64::max(scatter, 1.0).sqrt()).collect();
             if let (Some(now), Some(datum)) = (curve, from_means) {
-                let mut row = vec![0.0; design[0].len()];
+                let mut row = vec![0.0; data[0].0.len()];
                 row[2] = 1.0;
-                design.push(row);
-                y.push(datum.quadratic.value - now.quadratic.value);
-                e.push(datum.quadratic.std_error);
+                let more = datum.quadratic.value - now.quadratic.value;
+                data.push((row, Value::new(more, datum.quadratic.std_error)));
             }
-            let lines = Fit::new(&design, &y, &e)?;
+            let lines = Fit::new(&data)?;
             gain = lines.coefficients[0];
             if let Some(c) = &mut curve {
                 let moved = c.quadratic.value + lines.coefficients[2];
@@ -343,7 +337,7 @@ impl Data<'_> {
                 return Ok(VarianceFit {
                     gain: of(0),
                     dark_variance: of(1),
-                    rate: has_rate.then(|| of(design[0].len() - 1)),
+                    rate: has_rate.then(|| of(data[0].0.len() - 1)),
                     covariance: lines.covariance(0, 1),
                     response: curve,
                     reduced_chi2: scatter,
@@ -351,7 +345,7 @@ impl Data<'_> {
                 });
             }
             for i in 0..levels.len() {
-                let terms = design[i].iter().zip(&lines.coefficients);
+                let terms = data[i].0.iter().zip(&lines.coefficients);
                 let model: f64 = terms.map(|(a, c)| a * c).sum();
                 let ratio = if measured[i] > 0.0 { model / measured[i] } else { 1.0 };
                 errors[i] =

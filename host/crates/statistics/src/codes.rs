@@ -90,7 +90,7 @@ pub(super) fn statistics(stacks: &[Temporal], summaries: &[Summary], out: &mut C
 }
 
 /// Whether too many samples lie at either end of the scale.
-fn is_clipped(t: &Temporal) -> bool {
+pub fn is_clipped(t: &Temporal) -> bool {
     let ends = [t.histogram.first(), t.histogram.last()].into_iter().flatten();
     let ends: f64 = ends.map(|&h| f64::from(h)).sum();
     ends > CLIPPED * (t.mean.data.len() * t.frames) as f64

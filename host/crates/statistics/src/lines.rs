@@ -2,6 +2,7 @@
 
 use crate::numerics::spectrum::Spectrum;
 use camrig_base::median::median;
+use camrig_linear::moments;
 
 /// Number of lines over which uneven light is smooth. EMVA 1288 applies a high pass for the same
 /// reason.
@@ -33,12 +34,6 @@ impl Lines {
             means,
         }
     }
-}
-
-/// Sample variance.
-pub(super) fn variance(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0).max(1.0)
 }
 
 /// Degrees of freedom of this number of lines after subtraction of smooth terms and of the means of
@@ -79,8 +74,8 @@ fn aperiodic_variance(lines: &[f64]) -> f64 {
 /// Variance of lines between the phases of each period relative to that within: 1 where there is no
 /// period.
 fn periods(lines: &[f64]) -> [f64; 3] {
-    let mean = lines.iter().sum::<f64>() / lines.len() as f64;
-    let var = variance(lines).max(1e-300);
+    let (mean, variance) = moments(lines);
+    let var = variance.max(1e-300);
     PERIODS.map(|p| {
         let mut sum = 0.0;
         for phase in 0..p {

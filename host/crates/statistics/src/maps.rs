@@ -82,6 +82,11 @@ pub fn reference_dark(design: &Design) -> Option<usize> {
         .map(|(i, _)| i)
 }
 
+/// Mean of the reference dark, DN; the camera's black level where there is none.
+pub fn black_level(camera: &Camera, design: &Design, stacks: &[Temporal]) -> f64 {
+    reference_dark(design).map_or(camera.sensor.black_level_dn, |i| stacks[i].level())
+}
+
 /// The longest dark stack at the reference's settings, if it is more than twice as long.
 pub fn long_dark(design: &Design) -> Option<usize> {
     let reference = &design.conditions[reference_dark(design)?];

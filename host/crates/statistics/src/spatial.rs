@@ -3,11 +3,12 @@
 //! The components are estimated with outliers clipped and subtracted one after the other, so that
 //! none is counted twice: the mean, smooth terms, rows and columns, blocks, single pixels.
 
-use super::lines::{Lines, variance};
+use super::lines::Lines;
 use super::temporal::covariance;
 use crate::data::channels::Channels;
 use camrig_base::Plane;
 use camrig_base::median::{SD_PER_MAD, median};
+use camrig_linear::moments;
 
 /// Side of the blocks that show large-scale structure, pixels.
 pub const BLOCK: usize = 16;
@@ -233,7 +234,7 @@ fn blocks(d: &[f32], w: usize, h: usize, limit: f32) -> (f64, f64) {
     }
     let area = (BLOCK * BLOCK) as f64;
     blocks.iter_mut().for_each(|b| *b /= area);
-    (variance(&blocks) * area, beyond_cosines(&blocks, across, down) * area)
+    (moments(&blocks).1 * area, beyond_cosines(&blocks, across, down) * area)
 }
 
 /// Means of the four corner regions, outliers clipped.

@@ -8,17 +8,12 @@ use crate::model::effects::current;
 use crate::numerics::tails;
 use crate::statistics::statistic::{Place, What};
 use camrig_camera::{Camera, Noise};
-use camrig_sensor_core::effects::Effect;
 
 /// Range of a likelihood search over a standard deviation: ln σ either side of the estimate by
 /// moments, a factor of 4.5. Wide enough for a moment estimate that a few outlying frames pulled,
 /// narrow enough for the grid of [`lowest`](crate::numerics::minimise::lowest) to find the
 /// minimum.
 pub(super) const LN_SIGMA_REACH: f64 = 1.5;
-
-/// Dark stacks this close in temperature, K, are taken to have the same dark current: with
-/// a doubling every 7 K half a kelvin is 5 % of it.
-pub(super) const SAME_TEMPERATURE_K: f64 = 0.5;
 
 /// Replicates whose mean is a model's prediction.
 const REPLICATES: f64 = 16.0;
@@ -38,10 +33,8 @@ pub(super) fn of_excess(
     key: &'static str,
     present: f64,
     excess: Estimated,
-    effect: impl FnOnce(f32) -> Effect,
 ) -> Option<Proposal> {
-    let s = deviation(present, excess)?;
-    Some(Proposal::new(kind, effect(s.value as f32), excess.z().abs()).with(key, s.value, s.se))
+    Proposal::of(kind, excess.z().abs(), [(key, deviation(present, excess)?)])
 }
 
 /// A count of outliers, and the model's prediction of it.

@@ -13,6 +13,7 @@ use super::proposal::{MIN_STRENGTH, Proposal};
 use crate::data::channels::Channels;
 use crate::evidence::{Estimated, Evidence};
 use crate::model::effects::current;
+use crate::statistics::codes::is_clipped;
 use crate::statistics::temporal::Temporal;
 use camrig_linear::{Matrix, Vector, apply, inverse, product};
 use camrig_sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
@@ -43,9 +44,6 @@ const NEWTON: usize = 4;
 const SMOOTH_FROM: f64 = 1.5;
 /// Least width of a code, DN: a missing one has no more information than a very narrow one.
 const MIN_WIDTH_DN: f64 = 0.05;
-/// Largest share of samples at the ends of the scale with which a stack is used: what is cut off
-/// bends the density near the ends.
-const MAX_AT_ENDS: f64 = 1e-4;
 
 /// The samples of a stack.
 struct Codes<'a> {
@@ -137,14 +135,10 @@ pub fn adc_steps(e: &Evidence<'_>) -> Option<Proposal> {
     if current(e.camera, "adc-nonlinearity").is_some() {
         return None;
     }
-    let inside = |t: &&Temporal| {
-        let ends = [t.histogram.first(), t.histogram.last()].into_iter().flatten();
-        let ends: f64 = ends.map(|&h| f64::from(h)).sum();
-        ends <= MAX_AT_ENDS * (t.mean.data.len() * t.frames) as f64
-    };
     let channels = Channels::new(e.camera);
-    let stacks: Vec<Codes<'_>> =
-        e.stacks.iter().filter(inside).map(|t| codes(t, &channels)).collect();
+    // What is cut off bends the density near the ends of the scale.
+    let inside = e.stacks.iter().filter(|t| !is_clipped(t));
+    let stacks: Vec<Codes<'_>> = inside.map(|t| codes(t, &channels)).collect();
     let found = significant_errors(&stacks);
     let strength = found.iter().map(|(_, error)| error.z().abs()).fold(0.0, f64::max);
     // None at random, and then the errors in their order.

@@ -13,9 +13,9 @@
 //!   hot:      the number of outliers above the rest and their mean excess over the outlier limit,
 //!             which for an exponential law is the law's own mean.
 
-use super::common::{Count, SAME_TEMPERATURE_K, channel_count, dark_growth, present};
+use super::common::{Count, channel_count, dark_growth, present};
 use super::proposal::{Proposal, deviation};
-use crate::data::design::Condition;
+use crate::data::design::{Condition, same_temperature};
 use crate::evidence::{Estimated, Evidence, pooled};
 use crate::model::effects::current;
 use crate::statistics::maps::{MapKind, long_dark, reference_dark};
@@ -92,11 +92,11 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
         doubling_c: noise.dark_doubling_c as f32,
         reference_c: noise.temperature_ref_c as f32,
     };
-    Some(
-        Proposal::new("hot-pixels", effect.into(), high.z)
-            .with("fraction", fraction, fraction / more.max(1.0).sqrt() * HOT_SHARE_ERROR)
-            .with("mean_e_per_s", mean, mean / high.seen.sqrt()),
-    )
+    let se = fraction / more.max(1.0).sqrt() * HOT_SHARE_ERROR;
+    let fraction = Estimated { value: fraction, se };
+    let mean = Estimated { value: mean, se: mean / high.seen.sqrt() };
+    let p = Proposal::new("hot-pixels", effect.into(), high.z);
+    Some(p.with("fraction", fraction).with("mean_e_per_s", mean))
 }
 
 /// `dark-current`: its mean, its spread over pixels, and both.
@@ -110,28 +110,18 @@ pub fn dark_current(e: &Evidence<'_>) -> Vec<Proposal> {
         let effect = with_dark_current(noise, mean, dsnu, noise.dark_doubling_c);
         Proposal::new("dark-current", effect.into(), strength)
     };
-    // Each as its excess, and the new value.
-    let new_mean = mean_excess(e, reference).map(|x| {
-        let value = (mean + x.value).max(0.0);
-        (x, Estimated { value, se: x.se })
+    // Each as its significance, and the new value.
+    let new_mean = mean_excess(e, reference)
+        .map(|x| (x.z().abs(), Estimated { value: (mean + x.value).max(0.0), ..x }));
+    let new_dsnu =
+        variance_excess(e, reference).and_then(|x| Some((x.z().abs(), deviation(dsnu, x)?)));
+    let of_mean = new_mean.map(|(z, m)| propose(m.value, dsnu, z).with("mean_e_per_s", m));
+    let of_spread = new_dsnu.map(|(z, s)| propose(mean, s.value, z).with("dsnu_e_per_s", s));
+    let of_both = new_mean.zip(new_dsnu).map(|((z, m), (z_of_spread, s))| {
+        let p = propose(m.value, s.value, z.min(z_of_spread));
+        p.with("mean_e_per_s", m).with("dsnu_e_per_s", s)
     });
-    let new_dsnu = variance_excess(e, reference).and_then(|x| Some((x, deviation(dsnu, x)?)));
-    let mut out = Vec::new();
-    if let Some((x, m)) = new_mean {
-        out.push(propose(m.value, dsnu, x.z().abs()).with("mean_e_per_s", m.value, m.se));
-    }
-    if let Some((x, s)) = new_dsnu {
-        out.push(propose(mean, s.value, x.z().abs()).with("dsnu_e_per_s", s.value, s.se));
-    }
-    if let (Some((of_mean, m)), Some((of_spread, s))) = (new_mean, new_dsnu) {
-        let strength = of_mean.z().abs().min(of_spread.z().abs());
-        out.push(propose(m.value, s.value, strength).with("mean_e_per_s", m.value, m.se).with(
-            "dsnu_e_per_s",
-            s.value,
-            s.se,
-        ));
-    }
-    out
+    [of_mean, of_spread, of_both].into_iter().flatten().collect()
 }
 
 /// Excess of the mean dark current at T_ref, e⁻/s: of the map's median, where the few hot pixels
@@ -143,10 +133,9 @@ fn mean_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
 
 /// Excess of the median of the dark-current map at T_ref, e⁻/s.
 fn excess_of_median(e: &Evidence<'_>) -> Option<Estimated> {
-    let x = e.difference(Place::Map(MapKind::DarkCurrent), What::Median)?;
     let long = &e.design.conditions[long_dark(e.design)?];
     let g = dark_growth(&e.camera.sensor.noise, long.stack.temperature_c);
-    Some(Estimated { value: x.value / g, se: x.se / g })
+    Some(e.difference(Place::Map(MapKind::DarkCurrent), What::Median)?.over(g))
 }
 
 /// Excess of the rise of the mean with exposure, at the temperature of the reference stack, as
@@ -156,21 +145,19 @@ fn rise_of_means(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
     pooled(e.of_role(Role::Dark).flat_map(|(i, c)| {
         let time = c.stack.exposure_s - reference.stack.exposure_s;
         let usable = time > 0.0
-            && (c.stack.temperature_c - reference.stack.temperature_c).abs() < SAME_TEMPERATURE_K
+            && same_temperature(&c.stack, &reference.stack)
             && c.before_e.iter().all(|&b| b == 0.0);
         let scale = e.gain(c) * time * dark_growth(noise, c.stack.temperature_c);
-        (0..channel_count(e)).filter(move |_| usable).filter_map(move |k| {
-            let d = e.difference(Place::Stack(i), What::Mean(k))?;
-            Some(Estimated { value: d.value / scale, se: d.se / scale })
-        })
+        (0..channel_count(e))
+            .filter(move |_| usable)
+            .filter_map(move |k| Some(e.difference(Place::Stack(i), What::Mean(k))?.over(scale)))
     }))
 }
 
 /// Excess of the variance of dark current over pixels at T_ref, (e⁻/s)².
 fn variance_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
-    let x = e.difference(Place::Map(MapKind::DarkCurrent), What::PixelPattern)?;
     let g = dark_growth(&e.camera.sensor.noise, reference.stack.temperature_c).powi(2);
-    Some(Estimated { value: x.value / g, se: x.se / g })
+    Some(e.difference(Place::Map(MapKind::DarkCurrent), What::PixelPattern)?.over(g))
 }
 
 /// `dark-current-temperature`: the doubling, from dark stacks at other temperatures than the
@@ -186,12 +173,8 @@ pub fn doubling(e: &Evidence<'_>) -> Option<Proposal> {
     }
     let value = 1.0 / inverse;
     let effect = with_dark_current(noise, noise.dark_current_e_per_s, noise.dsnu_e_per_s, value);
-    let se = shift.se * value * value;
-    Some(Proposal::new("dark-current-temperature", effect.into(), shift.z().abs()).with(
-        "doubling_c",
-        value,
-        se,
-    ))
+    let p = Proposal::new("dark-current-temperature", effect.into(), shift.z().abs());
+    Some(p.with("doubling_c", Estimated { value, se: shift.se * value * value }))
 }
 
 /// Estimate of 1/T_d minus that of the model, 1/K, from one channel of a dark stack:
@@ -243,10 +226,9 @@ pub fn gradient(e: &Evidence<'_>) -> Option<Proposal> {
     // The gradient has a mean of rate/2, which the dark current had before.
     let mean = (noise.dark_current_e_per_s - rate / 2.0).max(0.0);
     let rest = with_dark_current(noise, mean, noise.dsnu_e_per_s, noise.dark_doubling_c);
-    Some(
-        Proposal::new("dark-current-gradient", effect.into(), libm::hypot(x.z(), y.z()))
-            .and(rest.into())
-            .with("rate_e_per_s", rate, x.se * 2.0 * 3f64.sqrt() / growth)
-            .with("direction_deg", direction, (x.se / libm::hypot(x.value, y.value)).to_degrees()),
-    )
+    let rate = Estimated { value: rate, se: x.se * 2.0 * 3f64.sqrt() / growth };
+    let se = (x.se / libm::hypot(x.value, y.value)).to_degrees();
+    let p = Proposal::new("dark-current-gradient", effect.into(), libm::hypot(x.z(), y.z()));
+    let p = p.and(rest.into()).with("rate_e_per_s", rate);
+    Some(p.with("direction_deg", Estimated { value: direction, se }))
 }

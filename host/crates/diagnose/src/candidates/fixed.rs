@@ -16,10 +16,8 @@ use crate::model::effects::current;
 use crate::statistics::lines::{PERIODS, phase_means};
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
-use camrig_sensor_core::effects::{
-    Effect, column_offset_fpn::ColumnOffsetFpn, pixel_offset_fpn::PixelOffsetFpn,
-    readout_channel_mismatch::ReadoutChannelMismatch, row_offset_fpn::RowOffsetFpn,
-};
+use camrig_linear::moments;
+use camrig_sensor_core::effects::{Effect, readout_channel_mismatch::ReadoutChannelMismatch};
 
 /// Turns of the fixed-point iteration of [`compensation`]: at some halving per turn the error is
 /// below 1e-9 after them.
@@ -28,33 +26,28 @@ const TURNS: usize = 30;
 /// Excess of a variance of the offset map, e⁻².
 fn offset_excess(e: &Evidence<'_>, what: What) -> Option<Estimated> {
     let k = e.reference_gain()?;
-    let x = e.difference(Place::Map(MapKind::Offset), what)?;
-    Some(Estimated { value: x.value / (k * k), se: x.se / (k * k) })
+    Some(e.difference(Place::Map(MapKind::Offset), what)?.over(k * k))
 }
 
 /// `row-offset-fpn`: variance of the row means of the offset map.
 pub fn row_offset(e: &Evidence<'_>) -> Option<Proposal> {
     let x = offset_excess(e, What::RowPattern)?;
     let present = e.camera.sensor.noise.row_fpn_e;
-    of_excess("row-offset-fpn", "sigma_e", present, x, |sigma_e| RowOffsetFpn { sigma_e }.into())
+    of_excess("row-offset-fpn", "sigma_e", present, x)
 }
 
 /// `column-offset-fpn`: variance of the column means of the offset map.
 pub fn column_offset(e: &Evidence<'_>) -> Option<Proposal> {
     let x = offset_excess(e, What::ColumnPattern)?;
     let present = present(e.camera, "column-offset-fpn", "sigma_e").unwrap_or(0.0);
-    of_excess("column-offset-fpn", "sigma_e", present, x, |sigma_e| {
-        ColumnOffsetFpn { sigma_e }.into()
-    })
+    of_excess("column-offset-fpn", "sigma_e", present, x)
 }
 
 /// `pixel-offset-fpn`: variance of the pixels of the offset map.
 pub fn pixel_offset(e: &Evidence<'_>) -> Option<Proposal> {
     let x = offset_excess(e, What::PixelPattern)?;
     let present = present(e.camera, "pixel-offset-fpn", "sigma_e").unwrap_or(0.0);
-    of_excess("pixel-offset-fpn", "sigma_e", present, x, |sigma_e| {
-        PixelOffsetFpn { sigma_e }.into()
-    })
+    of_excess("pixel-offset-fpn", "sigma_e", present, x)
 }
 
 /// `readout-channel-mismatch`: offsets from the offset map and gains from the gain map, each by
@@ -65,42 +58,27 @@ pub fn readout_channels(e: &Evidence<'_>) -> Vec<Proposal> {
 
 /// Offsets of the read-out channels, e⁻.
 fn offset_mismatch(e: &Evidence<'_>) -> Option<Proposal> {
-    let map = MapKind::Offset;
-    let m = Mismatch::of(&Columns::of(e, map, e.reference_gain()?)?, |_| 1.0)?;
-    let (_, gain) = present_mismatch(e, m.period);
+    let m = Mismatch::of(&Columns::of(e, MapKind::Offset, e.reference_gain()?)?, |_| 1.0)?;
     let effect =
-        ReadoutChannelMismatch { channels: m.period as f32, offset_e: m.sigma.value as f32, gain };
-    let strength = period_deviation(e, map, m.period)?;
-    Some(
-        Proposal::new("readout-channel-mismatch", effect.into(), strength)
-            .with("channels", m.period as f64, f64::NAN)
-            .with("offset_e", m.sigma.value, m.sigma.se),
-    )
+        ReadoutChannelMismatch { offset_e: m.sigma.value as f32, ..present_mismatch(e, &m) };
+    m.proposal(e, MapKind::Offset, effect, "offset_e")
 }
 
 /// Gains of the read-out channels.
 fn gain_mismatch(e: &Evidence<'_>) -> Option<Proposal> {
-    let map = MapKind::Gain;
     let channels = Channels::new(e.camera);
-    let m = Mismatch::of(&Columns::of(e, map, 1.0)?, |means| compensation(means, &channels))?;
-    let (offset_e, _) = present_mismatch(e, m.period);
-    let effect =
-        ReadoutChannelMismatch { channels: m.period as f32, offset_e, gain: m.sigma.value as f32 };
-    let strength = period_deviation(e, map, m.period)?;
-    Some(
-        Proposal::new("readout-channel-mismatch", effect.into(), strength)
-            .with("channels", m.period as f64, f64::NAN)
-            .with("gain", m.sigma.value, m.sigma.se),
-    )
+    let columns = Columns::of(e, MapKind::Gain, 1.0)?;
+    let m = Mismatch::of(&columns, |means| compensation(means, &channels))?;
+    let effect = ReadoutChannelMismatch { gain: m.sigma.value as f32, ..present_mismatch(e, &m) };
+    m.proposal(e, MapKind::Gain, effect, "gain")
 }
 
-/// Standard deviations of offset (e⁻) and gain in the model, if its channels are as many.
-fn present_mismatch(e: &Evidence<'_>, channels: usize) -> (f32, f32) {
+/// The mismatch that the model has, if its channels are as many; one of nothing otherwise.
+fn present_mismatch(e: &Evidence<'_>, found: &Mismatch) -> ReadoutChannelMismatch {
+    let channels = found.period as f32;
     match current(e.camera, "readout-channel-mismatch") {
-        Some(Effect::ReadoutChannelMismatch(x)) if x.channels == channels as f32 => {
-            (x.offset_e, x.gain)
-        }
-        _ => (0.0, 0.0),
+        Some(Effect::ReadoutChannelMismatch(x)) if x.channels == channels => x,
+        _ => ReadoutChannelMismatch { channels, offset_e: 0.0, gain: 0.0 },
     }
 }
 
@@ -171,12 +149,24 @@ impl Mismatch {
     fn of(columns: &Columns<'_>, compensation: impl Fn(&[f64]) -> f64) -> Option<Self> {
         let n = columns.period()?;
         let (means, within) = (columns.phases(n), columns.noise(n));
-        let m = means.iter().sum::<f64>() / n as f64;
-        let between = means.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (n as f64 - 1.0);
+        let (_, between) = moments(&means);
         let factor = compensation(&means);
         let value = factor * (between - within).max(0.0).sqrt();
         let se = factor * within.sqrt() / (2.0 * (n as f64 - 1.0)).sqrt();
         Some(Self { period: n, sigma: Estimated { value, se } })
+    }
+
+    /// The proposal of an effect whose parameter `key` a map gave.
+    fn proposal(
+        &self,
+        e: &Evidence<'_>,
+        map: MapKind,
+        effect: ReadoutChannelMismatch,
+        key: &'static str,
+    ) -> Option<Proposal> {
+        let strength = period_deviation(e, map, self.period)?;
+        let p = Proposal::new("readout-channel-mismatch", effect.into(), strength);
+        Some(p.with("channels", Estimated::chosen(self.period as f64)).with(key, self.sigma))
     }
 }
 

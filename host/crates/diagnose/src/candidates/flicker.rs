@@ -20,7 +20,8 @@ use crate::statistics::maps;
 use crate::statistics::temporal::Temporal;
 use camrig_base::median::median;
 use camrig_fourier::sinc;
-use camrig_sensor_core::effects::{Effect, flicker_banding::FlickerBanding};
+use camrig_linear::dot;
+use camrig_sensor_core::effects::Effect;
 
 /// Bins to either side of a line that a wave between two bins leaks into: beyond three the leakage
 /// (sin πd/πd)² is below 1 % of the line.
@@ -88,8 +89,7 @@ impl Wave {
             all.iter().enumerate().map(|(y, v)| v - means[y % period]).collect::<Vec<f64>>()
         };
         let (sine, cosine) = (of(libm::sin), of(libm::cos));
-        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let products = [product(&sine, &sine), product(&cosine, &cosine), product(&sine, &cosine)];
+        let products = [dot(&sine, &sine), dot(&cosine, &cosine), dot(&sine, &cosine)];
         Self { sine, cosine, products }
     }
 
@@ -342,18 +342,13 @@ pub fn flicker_banding(e: &Evidence<'_>) -> Option<Proposal> {
     let (square, _) = depth_squared(&bands, frequency)?;
     let depth = deviation(0.0, square)?;
     let row_time_us = cycles_per_row / frequency * 1e6;
-    let effect = FlickerBanding {
-        depth: depth.value as f32,
-        frequency_hz: frequency as f32,
-        row_time_us: row_time_us as f32,
-    };
     let strength = (square.value - present * present).abs() / square.se;
-    Some(
-        Proposal::new("flicker-banding", effect.into(), strength)
-            .with("depth", depth.value, depth.se)
-            .with("frequency_hz", frequency, f64::NAN)
-            .with("row_time_us", row_time_us, f64::NAN),
-    )
+    let light = [
+        ("depth", depth),
+        ("frequency_hz", Estimated::chosen(frequency)),
+        ("row_time_us", Estimated::chosen(row_time_us)),
+    ];
+    Proposal::of("flicker-banding", strength, light)
 }
 
 #[cfg(test)]

@@ -16,9 +16,6 @@ use crate::evidence::{Estimated, Evidence, pooled};
 use crate::numerics::minimise::lowest;
 use crate::statistics::statistic::{Place, What};
 use crate::statistics::temporal::mean;
-use camrig_sensor_core::effects::{
-    frame_offset_noise::FrameOffsetNoise, light_flicker::LightFlicker,
-};
 
 /// Correlations from one frame to the next that are searched. A drift closer to 1 is a trend over
 /// the frames of a stack, whose variance its own mean hides.
@@ -42,16 +39,12 @@ pub fn frame_offset(e: &Evidence<'_>) -> Option<Proposal> {
         [around - LN_SIGMA_REACH, around + LN_SIGMA_REACH],
         CORRELATIONS,
     );
-    let sigma = libm::exp(ln_sigma);
-    let effect = FrameOffsetNoise { sigma_e: sigma as f32, correlation: correlation as f32 };
     let stacks = 0..e.stacks.len();
     let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
     let strength = e.stands_out(frames).abs().max(excess.z().abs());
-    Some(
-        Proposal::new("frame-offset-noise", effect.into(), strength)
-            .with("sigma_e", sigma, s.se)
-            .with("correlation", correlation, f64::NAN),
-    )
+    let sigma = Estimated { value: libm::exp(ln_sigma), ..s };
+    let drift = [("sigma_e", sigma), ("correlation", Estimated::chosen(correlation))];
+    Proposal::of("frame-offset-noise", strength, drift)
 }
 
 /// Frame means of a stack.
@@ -111,15 +104,12 @@ impl Series {
 pub fn light_flicker(e: &Evidence<'_>) -> Option<Proposal> {
     let (w, h) = e.size();
     let excess = pooled(e.flats().filter_map(|(i, _)| {
-        let square = e.signal(i)?.powi(2);
-        let x = e.component(i, What::FrameVariance, w * h)?;
-        Some(Estimated { value: x.value / square, se: x.se / square })
+        Some(e.component(i, What::FrameVariance, w * h)?.over(e.signal(i)?.powi(2)))
     }))?;
     let s = deviation(present_flicker(e), excess)?;
-    let effect = LightFlicker { sigma: s.value as f32 };
     let frames = e.flats().map(|(i, _)| (Place::Stack(i), What::FrameVariance));
     let strength = e.stands_out(frames).abs().max(excess.z().abs());
-    Some(Proposal::new("light-flicker", effect.into(), strength).with("sigma", s.value, s.se))
+    Proposal::of("light-flicker", strength, [("sigma", s)])
 }
 
 #[cfg(test)]

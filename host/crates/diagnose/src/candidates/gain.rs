@@ -9,19 +9,16 @@
 //! low outliers of the map.
 
 use super::common::{Count, of_excess, present};
-use super::proposal::{Proposal, deviation};
+use super::proposal::Proposal;
 use crate::evidence::{Estimated, Evidence, pooled};
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
-use camrig_sensor_core::effects::{
-    column_gain_fpn::ColumnGainFpn, defective_pixels::DefectivePixels,
-    green_imbalance::GreenImbalance, prnu::Prnu, prnu_correlated::PrnuCorrelated,
-};
+use camrig_sensor_core::effects::{green_imbalance::GreenImbalance, prnu::Prnu};
 
 /// Where the statistics of this file are taken.
 const GAIN: Place = Place::Map(MapKind::Gain);
 /// Fraction of the variance of correlated response that horizontal, vertical and diagonal
-/// neighbours have in common: the weights of [`PrnuCorrelated`].
+/// neighbours have in common: the weights of the effect.
 const SHARED: [f64; 3] = [0.5, 0.5, 0.25];
 /// Deviation, in standard errors, from which the pixels' own spread is changed along with their
 /// correlation. Below it both figures are taken to have one cause, and are pooled.
@@ -30,7 +27,7 @@ const OWN_SPREAD_CHANGES: f64 = 2.0;
 /// `prnu`: variance of the pixels.
 pub fn prnu(e: &Evidence<'_>) -> Option<Proposal> {
     let x = e.difference(GAIN, What::PixelPattern)?;
-    of_excess("prnu", "sigma", e.camera.sensor.noise.prnu, x, |sigma| Prnu { sigma }.into())
+    of_excess("prnu", "sigma", e.camera.sensor.noise.prnu, x)
 }
 
 /// `prnu-correlated`: covariance of neighbours, and what the variance of the pixels has more.
@@ -51,10 +48,7 @@ pub fn prnu_correlated(e: &Evidence<'_>) -> Option<Proposal> {
     let own_changes = own.z().abs() > OWN_SPREAD_CHANGES;
     let added = if own_changes { shared } else { pooled([shared, more])? };
     let present = present(e.camera, "prnu-correlated", "sigma").unwrap_or(0.0);
-    let s = deviation(present, added)?;
-    let effect = PrnuCorrelated { sigma: s.value as f32 };
-    let p = Proposal::new("prnu-correlated", effect.into(), added.z().abs());
-    let p = p.with("sigma", s.value, s.se);
+    let p = of_excess("prnu-correlated", "sigma", present, added)?;
     let prnu = e.camera.sensor.noise.prnu;
     Some(match own_changes {
         true => p.and(Prnu { sigma: (prnu * prnu + own.value).max(0.0).sqrt() as f32 }.into()),
@@ -66,7 +60,7 @@ pub fn prnu_correlated(e: &Evidence<'_>) -> Option<Proposal> {
 pub fn column_gain(e: &Evidence<'_>) -> Option<Proposal> {
     let x = e.difference(GAIN, What::ColumnPattern)?;
     let present = present(e.camera, "column-gain-fpn", "sigma").unwrap_or(0.0);
-    of_excess("column-gain-fpn", "sigma", present, x, |sigma| ColumnGainFpn { sigma }.into())
+    of_excess("column-gain-fpn", "sigma", present, x)
 }
 
 /// `green-imbalance`: contrast of the two greens of a 2 x 2 colour filter pattern.
@@ -95,7 +89,8 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     let sign = if red_in_even_row { 1.0 } else { -1.0 };
     let value = present(e.camera, "green-imbalance", "centre").unwrap_or(0.0) + sign * d.value;
     let effect = GreenImbalance { centre: value as f32, corner: value as f32 };
-    Some(Proposal::new("green-imbalance", effect.into(), d.z().abs()).with("centre", value, d.se))
+    let p = Proposal::new("green-imbalance", effect.into(), d.z().abs());
+    Some(p.with("centre", Estimated { value, ..d }))
 }
 
 /// `defective-pixels`: number and mean response of the low outliers.
@@ -111,10 +106,8 @@ pub fn defects(e: &Evidence<'_>) -> Option<Proposal> {
         Some(f) => f * low.seen / low.expected.max(1.0),
         None => (low.seen - low.expected).max(0.0) / n,
     };
-    let effect = DefectivePixels { fraction: fraction as f32, gain: gain as f32 };
-    Some(
-        Proposal::new("defective-pixels", effect.into(), low.z)
-            .with("fraction", fraction, fraction / low.seen.sqrt())
-            .with("gain", gain, s.pixel_variance.sqrt() / low.seen.sqrt()),
-    )
+    let root = low.seen.sqrt();
+    let fraction = Estimated { value: fraction, se: fraction / root };
+    let gain = Estimated { value: gain, se: s.pixel_variance.sqrt() / root };
+    Proposal::of("defective-pixels", low.z, [("fraction", fraction), ("gain", gain)])
 }

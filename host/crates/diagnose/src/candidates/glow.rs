@@ -9,11 +9,11 @@
 
 use super::blocks::{self, Block, block_means, fit_template};
 use super::proposal::Proposal;
-use crate::evidence::Evidence;
+use crate::evidence::{Estimated, Evidence};
 use crate::model::effects::current;
 use crate::statistics::maps::MapKind;
+use camrig_measure::Value;
 use camrig_measure::fit::Fit;
-use camrig_sensor_core::effects::amp_glow::AmpGlow;
 use std::f64::consts::{PI, SQRT_2};
 
 /// Values further than this many standard deviations of the pixels from the median of their block
@@ -62,15 +62,11 @@ pub fn amp_glow(e: &Evidence<'_>) -> Option<Proposal> {
     let fitted = refined(&blocks, error, start, e.size());
     let ([a, x, y, width], errors) = fitted.unwrap_or((start, [f64::NAN; 4]));
     let fall = fit_template(&blocks, glow([x, y, width], e.size())).fall;
-    let effect = AmpGlow { rate_e_per_s: a as f32, x: x as f32, y: y as f32, width: width as f32 };
     let strength = (fall.sqrt() / error - LOOK_ELSEWHERE).max(0.0);
-    Some(
-        Proposal::new("amp-glow", effect.into(), strength)
-            .with("rate_e_per_s", a, errors[0])
-            .with("x", x, errors[1])
-            .with("y", y, errors[2])
-            .with("width", width, errors[3]),
-    )
+    let keys = ["rate_e_per_s", "x", "y", "width"].into_iter();
+    let values = std::iter::zip([a, x, y, width], errors);
+    let glow: Vec<_> = keys.zip(values.map(|(value, se)| Estimated { value, se })).collect();
+    Proposal::of("amp-glow", strength, glow)
 }
 
 /// Rate, place and width of the glow of the grid that explains most. `None` where all rates are
@@ -100,7 +96,6 @@ fn refined(
     mut at: [f64; 4],
     size: (f64, f64),
 ) -> Option<([f64; 4], [f64; 4])> {
-    let errors = vec![error; blocks.len()];
     let mut fit = None;
     for _ in 0..TURNS {
         let [a, place @ ..] = at;
@@ -111,18 +106,15 @@ fn refined(
         };
         let here = glow(place, size);
         let beside = [0, 1, 2].map(|i| (by(i, SLOPE_STEP), by(i, -SLOPE_STEP)));
-        let design: Vec<Vec<f64>> = blocks
-            .iter()
-            .map(|&Block { u, v, .. }| {
-                let slope = |i: usize| {
-                    let (up, down) = &beside[i];
-                    a * (up(u, v) - down(u, v)) / (2.0 * SLOPE_STEP)
-                };
-                vec![here(u, v), slope(0), slope(1), slope(2), 1.0]
-            })
-            .collect();
-        let left: Vec<f64> = blocks.iter().map(|b| b.mean - a * here(b.u, b.v)).collect();
-        let step = Fit::new(&design, &left, &errors).ok()?;
+        let datum = |&Block { u, v, mean }: &Block| {
+            let slope = |i: usize| {
+                let (up, down) = &beside[i];
+                a * (up(u, v) - down(u, v)) / (2.0 * SLOPE_STEP)
+            };
+            let row = vec![here(u, v), slope(0), slope(1), slope(2), 1.0];
+            (row, Value::new(mean - a * here(u, v), error))
+        };
+        let step = Fit::new(&blocks.iter().map(datum).collect::<Vec<_>>()).ok()?;
         for (i, p) in at.iter_mut().enumerate() {
             // At most half of the rate or of the width at a time.
             let most = if i == 0 { 0.5 * a } else { 0.5 * place[2] };

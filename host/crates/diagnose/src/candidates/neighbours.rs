@@ -21,10 +21,7 @@ use crate::evidence::{Estimated, Evidence, pooled, slope};
 use crate::model::effects::current;
 use crate::statistics::ratios::{reference_flat, strongest};
 use crate::statistics::statistic::{Place, What};
-use camrig_sensor_core::effects::{
-    Effect, brighter_fatter::BrighterFatter, charge_coupling::ChargeCoupling,
-    optical_crosstalk::OpticalCrosstalk,
-};
+use camrig_sensor_core::effects::Effect;
 
 /// Error, relative, that an estimate may have by what its equation leaves out, terms of second
 /// order: the search repeats estimates until they settle.
@@ -71,13 +68,8 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Option<Proposal> {
     let channels = Channels::new(e.camera);
     let found = leaning(e, &|photo_e| channels.mean_laplacian(photo_e))?;
     let present = present(e.camera, "optical-crosstalk", "side").unwrap_or(0.0);
-    let k = (present + found.value).max(0.0);
-    let effect = OpticalCrosstalk { side: k as f32, vertical: k as f32, diagonal: 0.0 };
-    Some(
-        Proposal::new("optical-crosstalk", effect.into(), found.z().abs())
-            .with("side", k, found.se)
-            .with("vertical", k, found.se),
-    )
+    let k = Estimated { value: (present + found.value).max(0.0), ..found };
+    Proposal::of("optical-crosstalk", found.z().abs(), [("side", k), ("vertical", k)])
 }
 
 /// What means give for a parameter, where it agrees with what noise gives.
@@ -120,13 +112,9 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
         }
     }
     let (px, py) = present.unwrap_or((0.0, 0.0));
-    let (side, vertical) = ((px + x.value).max(0.0), (py + y.value).max(0.0));
-    let effect = ChargeCoupling { side: side as f32, vertical: vertical as f32, diagonal: 0.0 };
-    Some(
-        Proposal::new("charge-coupling", effect.into(), strength)
-            .with("side", side, x.se)
-            .with("vertical", vertical, y.se),
-    )
+    let side = Estimated { value: (px + x.value).max(0.0), ..x };
+    let vertical = Estimated { value: (py + y.value).max(0.0), ..y };
+    Proposal::of("charge-coupling", strength, [("side", side), ("vertical", vertical)])
 }
 
 /// Share of shot noise in a stack's variance.
@@ -152,10 +140,8 @@ pub fn brighter_fatter(e: &Evidence<'_>) -> Option<Proposal> {
             strength = libm::hypot(strength, means.z());
         }
     }
-    let a = (present.unwrap_or(0.0) + found.value).max(0.0);
-    let effect = BrighterFatter { coefficient: a as f32 };
-    let p = Proposal::new("brighter-fatter", effect.into(), strength);
-    Some(p.with("coefficient", a, found.se))
+    let value = (present.unwrap_or(0.0) + found.value).max(0.0);
+    Proposal::of("brighter-fatter", strength, [("coefficient", Estimated { value, ..found })])
 }
 
 /// The coefficient of brighter-fatter, 1/e⁻, from correlation and variance.
@@ -175,7 +161,7 @@ fn by_noise(e: &Evidence<'_>, channels: &Channels) -> Option<Estimated> {
     // Of the shot noise (1 − 4b)² + 4b² is left, b = a µ.
     let lost = slope(e.flats().filter_map(|(i, _)| {
         let (v, excess) = (e.variance(i)?.0, e.variance_excess(i)?);
-        Some((-8.0 * pushed(i)?, Estimated { value: excess.value / v, se: excess.se / v }))
+        Some((-8.0 * pushed(i)?, excess.over(v)))
     }))?;
     let apart = (gained.value - lost.value).abs() / libm::hypot(gained.se, lost.se);
     if apart < AGREE_WITHIN { pooled([gained, lost]) } else { Some(gained) }

@@ -22,11 +22,7 @@ use crate::statistics::maps::{MapKind, reference_dark};
 use crate::statistics::statistic::{Place, What};
 use camrig_base::median::median;
 use camrig_captures::Role;
-use camrig_sensor_core::effects::{
-    Effect, heavy_tailed_read_noise::HeavyTailedReadNoise,
-    random_telegraph_noise::RandomTelegraphNoise, read_noise::ReadNoise,
-    read_noise_spread::ReadNoiseSpread,
-};
+use camrig_sensor_core::effects::{Effect, read_noise::ReadNoise};
 
 /// Dark charge, in variances of read noise, below which a dark stack shows read noise: an error of
 /// a tenth of the dark charge is then a hundredth of the variance.
@@ -69,14 +65,12 @@ const LOGISTIC_KURTOSIS: f64 = 1.2;
 pub fn read_noise(e: &Evidence<'_>) -> Option<Proposal> {
     let short = short_darks(e);
     let excess = pooled(short.iter().filter_map(|&i| {
-        let k = e.gain(&e.design.conditions[i]).powi(2);
-        let x = e.variance_excess(i)?;
-        Some(Estimated { value: x.value / k, se: x.se / k })
+        Some(e.variance_excess(i)?.over(e.gain(&e.design.conditions[i]).powi(2)))
     }))?;
     let noise = &e.camera.sensor.noise;
     let s = deviation(noise.read_e, excess)?;
     let effect = with_read_noise(e, s.value);
-    Some(Proposal::new("read-noise", effect, excess.z().abs()).with("read_e", s.value, s.se))
+    Some(Proposal::new("read-noise", effect, excess.z().abs()).with("read_e", s))
 }
 
 /// Read noise of the model with another standard deviation at unity gain, e⁻; the part after the
@@ -126,7 +120,11 @@ fn excess_of_spread(e: &Evidence<'_>) -> Option<Estimated> {
 /// `read-noise-spread`: scatter of the pixels' dark variances; with the model's read noise as the
 /// median over pixels, and with a median that leaves the mean square where it is.
 pub fn read_noise_spread(e: &Evidence<'_>) -> Vec<Proposal> {
-    let Some(excess) = excess_of_spread(e) else { return Vec::new() };
+    spreads(e).map_or_else(Vec::new, Into::into)
+}
+
+fn spreads(e: &Evidence<'_>) -> Option<[Proposal; 2]> {
+    let excess = excess_of_spread(e)?;
     let read = e.camera.sensor.noise.read_e.powi(2);
     let present = present(e.camera, "read-noise-spread", "spread").unwrap_or(0.0);
     // Var(r² e^(2sz)) = r⁴ e^(4s²) (e^(4s²) − 1).
@@ -138,18 +136,17 @@ pub fn read_noise_spread(e: &Evidence<'_>) -> Vec<Proposal> {
     let g = 0.5 + (0.25 + target).sqrt();
     let s = (libm::log(g) / 4.0).sqrt();
     let se = excess.se / (read * read) / (8.0 * s.max(MIN_SPREAD) * g * (2.0 * g - 1.0));
-    let effect = ReadNoiseSpread { spread: s as f32 };
-    let alone =
-        Proposal::new("read-noise-spread", effect.into(), excess.z().abs()).with("spread", s, se);
+    let spread = [("spread", Estimated { value: s, se })];
+    let alone = Proposal::of("read-noise-spread", excess.z().abs(), spread)?;
     let median = e.camera.sensor.noise.read_e * libm::exp(present * present - s * s);
-    let both = alone.clone().and(with_read_noise(e, median)).with("read_e", median, f64::NAN);
-    vec![alone, both]
+    let both = alone.clone().and(with_read_noise(e, median));
+    Some([alone, both.with("read_e", Estimated::chosen(median))])
 }
 
 /// A law of amplitudes over telegraph pixels.
 struct Amplitudes {
     /// The effect's parameter: 1 exponential, 0 all alike.
-    spread: f32,
+    spread: f64,
     /// ⟨Aⁿ⟩/⟨A⟩ⁿ for n = 2, 3, 4.
     moments: [f64; 3],
 }
@@ -170,7 +167,8 @@ pub fn telegraph(e: &Evidence<'_>) -> Vec<Proposal> {
         let (seen, expected) = t.noisy.as_ref().map_or((0.0, 0.0), |n| (n.seen, n.expected));
         let ratio = (t.high.seen + seen + 1.0) / (t.high.expected + expected + 1.0);
         let fraction = f64::from(x.fraction) * ratio;
-        return vec![t.proposal(fraction, f64::from(x.amplitude_e), x.spread)];
+        let amplitude = f64::from(x.amplitude_e);
+        return t.proposal(fraction, amplitude, f64::from(x.spread)).into_iter().collect();
     }
     let mut out = Vec::new();
     // Cumulants of the map: f ⟨(A/2)³⟩ and f ⟨(A/2)⁴⟩.
@@ -178,7 +176,7 @@ pub fn telegraph(e: &Evidence<'_>) -> Vec<Proposal> {
     for Amplitudes { spread, moments: [_, c3, c4] } in AMPLITUDES {
         let half = fourth / third * c3 / c4;
         if half > 0.0 && third > 0.0 {
-            out.push(t.proposal(third / (c3 * half.powi(3)), 2.0 * half / t.gain, spread));
+            out.extend(t.proposal(third / (c3 * half.powi(3)), 2.0 * half / t.gain, spread));
         }
     }
     // Excesses of the variances: f ⟨A²/4⟩ and f ⟨(A²/4)²⟩.
@@ -186,7 +184,7 @@ pub fn telegraph(e: &Evidence<'_>) -> Vec<Proposal> {
         for Amplitudes { spread, moments: [c2, _, c4] } in AMPLITUDES {
             let quarter = second / first * c2 / c4;
             if quarter > 0.0 && first > 0.0 {
-                out.push(t.proposal(first / (c2 * quarter), 2.0 * quarter.sqrt(), spread));
+                out.extend(t.proposal(first / (c2 * quarter), 2.0 * quarter.sqrt(), spread));
             }
         }
     }
@@ -235,20 +233,16 @@ impl Telegraph {
     }
 
     /// A proposal of a share of pixels with a mean amplitude, e⁻.
-    fn proposal(&self, fraction: f64, amplitude: f64, spread: f32) -> Proposal {
-        let effect = RandomTelegraphNoise {
-            fraction: fraction as f32,
-            amplitude_e: amplitude as f32,
-            renewal: self.renewal as f32,
-            duty: 0.5,
-            spread,
-        };
+    fn proposal(&self, fraction: f64, amplitude: f64, spread: f64) -> Option<Proposal> {
         let root = (fraction * self.pixels).max(1.0).sqrt();
-        Proposal::new("random-telegraph-noise", effect.into(), self.strength)
-            .with("fraction", fraction, fraction * TELEGRAPH_SHARE_ERROR / root)
-            .with("amplitude_e", amplitude, amplitude / root)
-            .with("renewal", self.renewal, f64::NAN)
-            .with("spread", f64::from(spread), f64::NAN)
+        let se = fraction * TELEGRAPH_SHARE_ERROR / root;
+        let parameters = [
+            ("fraction", Estimated { value: fraction, se }),
+            ("amplitude_e", Estimated { value: amplitude, se: amplitude / root }),
+            ("renewal", Estimated::chosen(self.renewal)),
+            ("spread", Estimated::chosen(spread)),
+        ];
+        Proposal::of("random-telegraph-noise", self.strength, parameters)
     }
 }
 
@@ -348,13 +342,12 @@ fn tails(e: &Evidence<'_>) -> Option<Vec<Proposal>> {
     let propose = |share: f64| {
         let (lambda, fall) = tukey_lambda(target / (share * share));
         let (sigma, rest) = (read * share.sqrt(), read * (1.0 - share).sqrt());
-        let effect = HeavyTailedReadNoise { sigma_e: sigma as f32, lambda: lambda as f32 };
         let se = kurtosis.se * dilution / (share * share) / fall;
-        let p = Proposal::new("heavy-tailed-read-noise", effect.into(), kurtosis.z().abs())
-            .and(with_read_noise(e, rest))
-            .with("sigma_e", sigma, f64::NAN)
-            .with("lambda", lambda, se);
-        if share < 1.0 { p.with("read_e", rest, f64::NAN) } else { p }
+        let lambda = Estimated { value: lambda, se };
+        let law = [("sigma_e", Estimated::chosen(sigma)), ("lambda", lambda)];
+        let p = Proposal::of("heavy-tailed-read-noise", kurtosis.z().abs(), law)?;
+        let p = p.and(with_read_noise(e, rest));
+        Some(if share < 1.0 { p.with("read_e", Estimated::chosen(rest)) } else { p })
     };
-    Some(shares.into_iter().map(propose).collect())
+    Some(shares.into_iter().filter_map(propose).collect())
 }

@@ -10,7 +10,7 @@
 //! n the frames of a stack, v the variance of its pixels (DN²), K the system gain (DN/e⁻).
 
 use super::proposal::Proposal;
-use crate::evidence::Evidence;
+use crate::evidence::{Estimated, Evidence};
 use crate::numerics::minimise::{lowest, minimum};
 use crate::numerics::spectrum::Background;
 use crate::numerics::tails::median_of_squares;
@@ -19,7 +19,6 @@ use crate::statistics::temporal::Temporal;
 use camrig_base::median::median;
 use camrig_captures::Role;
 use camrig_fourier::sinc;
-use camrig_sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
 /// Bins to either side of a line that a wave between two bins leaks into: beyond three the leakage
 /// (sin πd/πd)² is below 1 % of the line.
@@ -42,18 +41,12 @@ pub fn periodic(e: &Evidence<'_>) -> Option<Proposal> {
     let z = |(place, what)| e.difference(place, what).map_or(0.0, |d| d.z());
     let strength = peaks.map(z).into_iter().fold(0.0, f64::max);
     let [fx, fy] = strongest_line(e, stack)?;
-    let (amplitude, se) = amplitude(e, [fx, fy]);
-    let effect = PeriodicPatternNoise {
-        amplitude_e: amplitude as f32,
-        cycles_per_column: fx as f32,
-        cycles_per_row: fy as f32,
-    };
-    let mut p = Proposal::new("periodic-pattern-noise", effect.into(), strength)
-        .with("amplitude_e", amplitude, se)
-        .with("cycles_per_column", fx, f64::NAN)
-        .with("cycles_per_row", fy, f64::NAN);
-    p.beside = true;
-    Some(p)
+    let wave = [
+        ("amplitude_e", amplitude(e, [fx, fy])),
+        ("cycles_per_column", Estimated::chosen(fx)),
+        ("cycles_per_row", Estimated::chosen(fy)),
+    ];
+    Some(Proposal { beside: true, ..Proposal::of("periodic-pattern-noise", strength, wave)? })
 }
 
 /// Cycles per column and per row of the strongest line of a stack.
@@ -72,8 +65,8 @@ fn strongest_line(e: &Evidence<'_>, stack: usize) -> Option<[f64; 2]> {
     Some(power.fit(start))
 }
 
-/// Amplitude of a wave over all stacks and its standard error, e⁻.
-fn amplitude(e: &Evidence<'_>, frequencies: [f64; 2]) -> (f64, f64) {
+/// Amplitude of a wave over all stacks, e⁻.
+fn amplitude(e: &Evidence<'_>, frequencies: [f64; 2]) -> Estimated {
     let (w, h) = e.size();
     let (mut square, mut weight) = (0.0, 0.0);
     for (i, c) in e.design.conditions.iter().enumerate() {
@@ -83,7 +76,7 @@ fn amplitude(e: &Evidence<'_>, frequencies: [f64; 2]) -> (f64, f64) {
         square += known * power.square_amplitude(frequencies) / (k * k);
         weight += known;
     }
-    ((square / weight).sqrt(), (2.0 / (w * h) / weight).sqrt())
+    Estimated { value: (square / weight).sqrt(), se: (2.0 / (w * h) / weight).sqrt() }
 }
 
 /// Power of the frames of a stack over two frequencies, DN².

@@ -37,7 +37,25 @@ pub struct Proposal {
 }
 
 impl Proposal {
-    /// One effect of the sensor, estimated from dark and flat stacks.
+    /// An effect of the sensor with estimates of its parameters, by key, from dark and flat stacks;
+    /// other parameters have their default. `None` where one is out of its range.
+    pub(super) fn of(
+        kind: &'static str,
+        strength: f64,
+        parameters: impl Into<Vec<(&'static str, Estimated)>>,
+    ) -> Option<Self> {
+        let parameters = parameters.into();
+        let entry = Effect::CATALOGUE.iter().find(|entry| entry.kind == kind)?;
+        let value = |declared: &Parameter| {
+            let own = parameters.iter().find(|(key, _)| *key == declared.key);
+            own.map(|(_, e)| e.value as f32).or(declared.default)
+        };
+        let values: Vec<f32> = entry.parameters.iter().map(value).collect::<Option<_>>()?;
+        let effect = Effect::new(entry.id, &values)?;
+        Some(Self { parameters, ..Self::new(kind, effect, strength) })
+    }
+
+    /// One effect of the sensor, estimated from dark and flat stacks, without its parameters yet.
     pub(crate) fn new(kind: &'static str, effect: Effect, strength: f64) -> Self {
         Self { effects: vec![effect], of_targets: false, ..Self::from_targets(kind, strength) }
     }
@@ -56,9 +74,9 @@ impl Proposal {
         }
     }
 
-    /// The same with a parameter, in the catalogue's unit, and its standard error.
-    pub(crate) fn with(mut self, key: &'static str, value: f64, se: f64) -> Self {
-        self.parameters.push((key, Estimated { value, se }));
+    /// The same with a parameter, in the catalogue's unit.
+    pub(crate) fn with(mut self, key: &'static str, value: Estimated) -> Self {
+        self.parameters.push((key, value));
         self
     }
 
@@ -150,16 +168,13 @@ pub fn with_all(base: &Camera, proposals: &[Proposal]) -> Camera {
 /// New standard deviation from the present one and an excess of variance, in the unit of the first
 /// and its square; `None` where the variance is not positive.
 pub(super) fn deviation(present: f64, excess: Estimated) -> Option<Estimated> {
-    let variance = present * present + excess.value;
-    (variance > 0.0).then(|| {
-        let value = variance.sqrt();
-        Estimated { value, se: excess.se / (2.0 * value) }
-    })
+    let value = present * present + excess.value;
+    (value > 0.0).then(|| Estimated { value, ..excess }.sqrt())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Proposal;
+    use super::{Estimated, Proposal};
     use camrig_sensor_core::effects::quantum_efficiency::QuantumEfficiency;
     use camrig_sensor_core::effects::relative_illumination::RelativeIllumination;
 
@@ -167,7 +182,7 @@ mod tests {
     fn a_revised_effect_has_its_new_value_among_effects_and_parameters() {
         let efficiency = |ratio: f32| QuantumEfficiency { ratio }.into();
         let old = Proposal::new("quantum-efficiency", efficiency(0.9993), 9.0);
-        let mut named = vec![old.with("ratio", 0.9993, 4e-5)];
+        let mut named = vec![old.with("ratio", Estimated { value: 0.9993, se: 4e-5 })];
         let mut shading = Proposal::new(
             "relative-illumination",
             RelativeIllumination { corner: -0.006 }.into(),

@@ -15,9 +15,9 @@
 //!
 //! Where two of them act on the same figures, each is estimated with the other left free.
 
-use super::common::{SAME_TEMPERATURE_K, channel_count, present};
+use super::common::{channel_count, present};
 use super::proposal::Proposal;
-use crate::data::design::Condition;
+use crate::data::design::{Condition, same_temperature};
 use crate::evidence::{Estimated, Evidence, pooled, slope};
 use crate::model::effects::current;
 use crate::numerics::minimise::minimum;
@@ -27,8 +27,7 @@ use camrig_captures::Role;
 use camrig_linear::{Matrix, Singular, Vector, apply};
 use camrig_sensor_core::effects::{
     Effect, black_level_offset::BlackLevelOffset, exposure_offset::ExposureOffset,
-    image_lag::ImageLag, nonlinearity::Nonlinearity, quantum_efficiency::QuantumEfficiency,
-    system_gain::SystemGain,
+    quantum_efficiency::QuantumEfficiency, system_gain::SystemGain,
 };
 
 /// Longest exposure of a dark stack, in that of the reference, from which the change of the black
@@ -53,7 +52,7 @@ fn relative(e: &Evidence<'_>, stack: usize, channel: u8) -> Option<Estimated> {
     let place = Place::Stack(stack);
     let d = e.difference(place, What::Mean(channel))?;
     let m = e.predicted(place, What::Mean(channel))?;
-    (m > 0.0).then(|| Estimated { value: d.value / m, se: d.se / m })
+    (m > 0.0).then(|| d.over(m))
 }
 
 /// Flats whose light is known.
@@ -90,12 +89,8 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let mut common = present;
     common.offset_dn += mean as f32;
     let offset = f64::from(common.offset_dn);
-    let all = Proposal::new("black-level-offset", common.into(), (mean / se).abs()).with(
-        "offset_dn",
-        offset,
-        se,
-    );
-    let mut out = vec![all];
+    let all = Proposal::new("black-level-offset", common.into(), (mean / se).abs());
+    let mut out = vec![all.with("offset_dn", Estimated { value: offset, se })];
     out.extend(black_level_by_phase(e, common, se));
     out.extend(black_level_over_gain(e, present, reference));
     out
@@ -139,18 +134,15 @@ fn black_level_over_gain(
     let c0 = &e.design.conditions[reference];
     let per_gain = slope(e.of_role(Role::Dark).flat_map(|(i, c)| {
         let short = c.stack.exposure_s <= SHORT_DARK * c0.stack.exposure_s
-            && (c.stack.temperature_c - c0.stack.temperature_c).abs() < SAME_TEMPERATURE_K;
+            && same_temperature(&c.stack, &c0.stack);
         let wanted = (0..channel_count(e)).filter(move |_| short && i != reference);
         let of = move |k| e.difference(Place::Stack(i), What::Mean(k));
         wanted.filter_map(move |k| Some((c.stack.analog_gain - c0.stack.analog_gain, of(k)?)))
     }))?;
     let mut moved = present;
     moved.per_gain_dn += per_gain.value as f32;
-    Some(Proposal::new("black-level-offset", moved.into(), per_gain.z().abs()).with(
-        "per_gain_dn",
-        f64::from(moved.per_gain_dn),
-        per_gain.se,
-    ))
+    let p = Proposal::new("black-level-offset", moved.into(), per_gain.z().abs());
+    Some(p.with("per_gain_dn", Estimated { value: moved.per_gain_dn.into(), ..per_gain }))
 }
 
 /// Common factor of the means of all flats, less 1.
@@ -199,13 +191,12 @@ pub fn system_gain(e: &Evidence<'_>) -> Option<Proposal> {
         Some(_) => transfer?,
         None => pooled(mean.into_iter().chain(transfer))?,
     };
-    let ratio = present * (1.0 + f.value);
-    let effect = SystemGain { ratio: ratio as f32 };
-    let mut p = Proposal::new("system-gain", effect.into(), f.z().abs());
+    let ratio = Estimated { value: present * (1.0 + f.value), se: present * f.se };
+    let mut p = Proposal::of("system-gain", f.z().abs(), [("ratio", ratio)])?;
     if let (Some(efficiency), Some(mean)) = (efficiency, mean) {
         p.revised.0.push(with_efficiency(efficiency * (1.0 + mean.value) / (1.0 + f.value)));
     }
-    Some(p.with("ratio", ratio, present * f.se))
+    Some(p)
 }
 
 /// `quantum-efficiency`: signal larger than the model's at the same gain. Where the model has a
@@ -223,10 +214,10 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Option<Proposal> {
         }
         None => (mean, Vec::new()),
     };
-    let ratio = present * (1.0 + f.value);
-    let mut p = Proposal::new("quantum-efficiency", with_efficiency(ratio), f.z().abs());
+    let ratio = Estimated { value: present * (1.0 + f.value), se: present * f.se };
+    let mut p = Proposal::of("quantum-efficiency", f.z().abs(), [("ratio", ratio)])?;
     p.revised.0 = revised;
-    Some(p.with("ratio", ratio, present * f.se))
+    Some(p)
 }
 
 /// The quantum efficiency, where the model has one of its own, beside an effect that multiplies
@@ -321,10 +312,10 @@ fn with_scale(e: &Evidence<'_>, points: &[(f64, Estimated)], free: bool) -> Opti
         }
     };
     let exponent = exponent.clamp(EXPONENTS[0], EXPONENTS[1]);
-    let effect = Nonlinearity { loss: loss as f32, exponent: exponent as f32 };
-    let mut p = Proposal::new("nonlinearity", effect.into(), fit.fell.sqrt())
-        .with("loss", loss, fit.values[0].se)
-        .with("exponent", exponent, fit.values[1].se);
+    let loss = Estimated { value: loss, ..fit.values[0] };
+    let exponent = Estimated { value: exponent, ..fit.values[1] };
+    let law = [("loss", loss), ("exponent", exponent)];
+    let mut p = Proposal::of("nonlinearity", fit.fell.sqrt(), law)?;
     p.revised.0.extend(present_efficiency(e).map(|r| with_efficiency(r * (1.0 + fit.scale))));
     Some(p)
 }
@@ -338,9 +329,8 @@ pub fn image_lag(e: &Evidence<'_>) -> Option<Proposal> {
         })
     }))?;
     let present = present(e.camera, "image-lag", "fraction").unwrap_or(0.0);
-    let l = (present + after.value).max(0.0);
-    let effect = ImageLag { fraction: l as f32 };
-    Some(Proposal::new("image-lag", effect.into(), after.z().abs()).with("fraction", l, after.se))
+    let fraction = Estimated { value: (present + after.value).max(0.0), ..after };
+    Proposal::of("image-lag", after.z().abs(), [("fraction", fraction)])
 }
 
 /// `exposure-offset`: signal over exposure, against one over exposure.
@@ -363,9 +353,6 @@ pub fn exposure_offset(e: &Evidence<'_>) -> Option<Proposal> {
     };
     let offset = present + found.value * 1e6;
     let effect = ExposureOffset { offset_us: offset as f32, step_us: step };
-    Some(Proposal::new("exposure-offset", effect.into(), found.z().abs()).with(
-        "offset_us",
-        offset,
-        found.se * 1e6,
-    ))
+    let p = Proposal::new("exposure-offset", effect.into(), found.z().abs());
+    Some(p.with("offset_us", Estimated { value: offset, se: found.se * 1e6 }))
 }

@@ -20,10 +20,6 @@ use crate::numerics::minimise::lowest;
 use crate::statistics::statistic::What;
 use crate::statistics::temporal::mean;
 use camrig_captures::Role;
-use camrig_sensor_core::effects::{
-    column_temporal_noise::ColumnTemporalNoise, row_correlated_noise::RowCorrelatedNoise,
-    row_temporal_noise::RowTemporalNoise,
-};
 
 /// Exponents of the spectrum that are searched. The upper end is that of the effect; at the lower
 /// one the law is white to within the scatter of a spectrum.
@@ -35,11 +31,8 @@ const WHITE_BELOW: f64 = 0.2;
 /// Excess, over the model, of a variance that is the same in every stack, e⁻². `what` is a ratio
 /// to the variance of the mean of `across` pixels.
 pub(super) fn common_excess(e: &Evidence<'_>, what: What, across: f64) -> Option<Estimated> {
-    pooled(e.design.conditions.iter().enumerate().filter_map(|(i, c)| {
-        let k = e.gain(c).powi(2);
-        let x = e.component(i, what, across)?;
-        Some(Estimated { value: x.value / k, se: x.se / k })
-    }))
+    let stacks = e.design.conditions.iter().enumerate();
+    pooled(stacks.filter_map(|(i, c)| Some(e.component(i, what, across)?.over(e.gain(c).powi(2)))))
 }
 
 /// Standard deviation of the rows' temporal noise in the model, e⁻.
@@ -55,17 +48,13 @@ pub(super) fn present_columns(e: &Evidence<'_>) -> f64 {
 /// `row-temporal-noise`: variance of row means beyond that of white noise.
 pub fn row_temporal(e: &Evidence<'_>) -> Option<Proposal> {
     let excess = common_excess(e, What::RowVariance, e.size().0)?;
-    of_excess("row-temporal-noise", "sigma_e", present_rows(e), excess, |sigma_e| {
-        RowTemporalNoise { sigma_e }.into()
-    })
+    of_excess("row-temporal-noise", "sigma_e", present_rows(e), excess)
 }
 
 /// `column-temporal-noise`: variance of column means beyond that of white noise.
 pub fn column_temporal(e: &Evidence<'_>) -> Option<Proposal> {
     let excess = common_excess(e, What::ColumnVariance, e.size().1)?;
-    of_excess("column-temporal-noise", "sigma_e", present_columns(e), excess, |sigma_e| {
-        ColumnTemporalNoise { sigma_e }.into()
-    })
+    of_excess("column-temporal-noise", "sigma_e", present_columns(e), excess)
 }
 
 /// `row-correlated-noise`: standard deviation and exponent of the likeliest power law.
@@ -94,12 +83,9 @@ pub fn row_correlated(e: &Evidence<'_>) -> Option<Proposal> {
         }
         _ => excess.z().abs(),
     };
-    let effect = RowCorrelatedNoise { sigma_e: sigma as f32, exponent: exponent as f32 };
-    Some(
-        Proposal::new("row-correlated-noise", effect.into(), strength)
-            .with("sigma_e", sigma, s.se)
-            .with("exponent", exponent, f64::NAN),
-    )
+    let sigma = Estimated { value: sigma, ..s };
+    let law = [("sigma_e", sigma), ("exponent", Estimated::chosen(exponent))];
+    Proposal::of("row-correlated-noise", strength, law)
 }
 
 /// Power of the row means of a stack.

@@ -11,13 +11,12 @@
 
 use super::blocks::{self, block_means};
 use super::proposal::Proposal;
-use crate::evidence::Evidence;
+use crate::evidence::{Estimated, Evidence};
 use crate::model::effects::current;
 use crate::numerics::minimise::minimum;
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
 use camrig_fourier::sinc;
-use camrig_sensor_core::effects::prnu_low_frequency::PrnuLowFrequency;
 use std::f64::consts::{PI, SQRT_2};
 
 /// Largest order that is tried, half waves over the map: that of the effect.
@@ -46,14 +45,11 @@ pub fn low_frequency(e: &Evidence<'_>) -> Option<Proposal> {
     let waves = waves(e)?;
     let (order, sigma, left) = likeliest(&waves)?;
     let strength = (deviance(&waves, order, 0.0) - left).max(0.0).sqrt();
-    let effect = PrnuLowFrequency { sigma: sigma as f32, order: order as f32 };
     // The scatter of a standard deviation from so many normal numbers.
     let count = ((order + 1).pow(2) - 1) as f64;
-    Some(
-        Proposal::new("prnu-low-frequency", effect.into(), strength)
-            .with("sigma", sigma, sigma / (2.0 * count).sqrt())
-            .with("order", order as f64, f64::NAN),
-    )
+    let sigma = Estimated { value: sigma, se: sigma / (2.0 * count).sqrt() };
+    let law = [("sigma", sigma), ("order", Estimated::chosen(order as f64))];
+    Proposal::of("prnu-low-frequency", strength, law)
 }
 
 /// Order and σ of the likeliest law, and its deviance.

@@ -15,7 +15,7 @@ use crate::numerics::minimise::minimum;
 use crate::statistics::maps::{SATURATED_FLAT, saturated};
 use crate::statistics::statistic::{Place, What};
 use camrig_captures::Role;
-use camrig_sensor_core::effects::{Effect, full_well::FullWell};
+use camrig_sensor_core::effects::Effect;
 
 /// Knees that are tried, as fractions of full well: a sharp one, and soft ones in steps of a
 /// factor of some two. Chosen; the effect allows up to 0.5.
@@ -103,11 +103,11 @@ pub fn full_well(e: &Evidence<'_>) -> Vec<Proposal> {
     let flats = bright_flats(e, held);
     let Some(most) = flats.iter().map(|b| b.electrons).reduce(f64::max) else { return Vec::new() };
     let knees: &[f64] = held.as_ref().map_or(&KNEES, |h| std::slice::from_ref(&h.1));
-    knees.iter().map(|&knee| with_knee(&flats, most, knee)).collect()
+    knees.iter().filter_map(|&knee| with_knee(&flats, most, knee)).collect()
 }
 
 /// The likeliest capacity for a knee; `most` is the charge of the brightest flat, e⁻.
-fn with_knee(flats: &[Bright], most: f64, knee: f64) -> Proposal {
+fn with_knee(flats: &[Bright], most: f64, knee: f64) -> Option<Proposal> {
     let misfit = |well: f64| chi_squared(flats, well, knee);
     // Near the charge of the brightest flat step by step, then between two of the steps.
     let at = |i: i32| most * libm::exp(f64::from(i) * CAPACITY_STEP);
@@ -120,12 +120,10 @@ fn with_knee(flats: &[Bright], most: f64, knee: f64) -> Proposal {
     let left = misfit(well);
     // χ² rises by 1 at one standard error.
     let bend = (misfit(well + step) + misfit(well - step) - 2.0 * left) / 2.0;
-    let se = step / bend.max(1e-12).sqrt();
+    let well = Estimated { value: well, se: step / bend.max(1e-12).sqrt() };
     let without = chi_squared(flats, f64::MAX.sqrt(), 0.0);
-    let effect = FullWell { full_well_e: well as f32, knee: knee as f32 };
-    Proposal::new("full-well", effect.into(), (without - left).max(0.0).sqrt())
-        .with("full_well_e", well, se)
-        .with("knee", knee, f64::NAN)
+    let strength = (without - left).max(0.0).sqrt();
+    Proposal::of("full-well", strength, [("full_well_e", well), ("knee", Estimated::chosen(knee))])
 }
 
 /// χ² of what the flats lack against what a well (e⁻) with a knee takes.

@@ -10,9 +10,27 @@ pub struct Estimated {
 }
 
 impl Estimated {
+    /// A value that was chosen rather than estimated.
+    pub fn chosen(value: f64) -> Self {
+        Self { value, se: f64::NAN }
+    }
+
     /// Distance from zero, standard errors.
     pub fn z(&self) -> f64 {
         self.value / self.se
+    }
+
+    /// This over a positive number that is known.
+    #[must_use]
+    pub fn over(self, known: f64) -> Self {
+        Self { value: self.value / known, se: self.se / known }
+    }
+
+    /// The square root, with its error to first order.
+    #[must_use]
+    pub fn sqrt(self) -> Self {
+        let value = self.value.sqrt();
+        Self { value, se: self.se / (2.0 * value) }
     }
 }
 

@@ -6,7 +6,9 @@ use crate::data::channels::Channels;
 use crate::data::design::{Condition, Design};
 use crate::model::effects::dn_per_e;
 use crate::model::prediction::Prediction;
-use crate::statistics::maps::{Map, MapKind, SATURATED_FLAT, reference_dark, saturated};
+use crate::statistics::maps::{
+    Map, MapKind, SATURATED_FLAT, black_level, reference_dark, saturated,
+};
 use crate::statistics::statistic::{Key, Place, Scale, Values, What};
 use crate::statistics::temporal::Temporal;
 use camrig_base::Result;
@@ -122,10 +124,7 @@ impl Evidence<'_> {
 
     /// Mean signal above dark, DN; of dark stacks about 0.
     pub fn signal(&self, stack: usize) -> Option<f64> {
-        let black = match reference_dark(self.design) {
-            Some(r) => self.stacks[r].level(),
-            None => self.camera.sensor.black_level_dn,
-        };
+        let black = black_level(self.camera, self.design, self.stacks);
         Some(self.stacks[stack].level() - black)
     }
 

@@ -13,14 +13,9 @@ use camrig_camera::Camera;
 use camrig_captures::Role;
 use camrig_clean::FrameCurve;
 
-/// Mean of the reference dark, DN; the camera's black level where there is none.
-fn black(camera: &Camera, design: &Design, stacks: &[Temporal]) -> f64 {
-    maps::reference_dark(design).map_or(camera.sensor.black_level_dn, |i| stacks[i].level())
-}
-
 /// Where the manifest does not have the light of a flat, takes it from the measured mean.
 pub(super) fn of_flats(camera: &Camera, design: &mut Design, stacks: &[Temporal]) {
-    let black = black(camera, design, stacks);
+    let black = maps::black_level(camera, design, stacks);
     let channels = Channels::new(camera);
     for (c, t) in design.conditions.iter_mut().zip(stacks) {
         if c.stack.role == Role::Flat && !c.level_known {
@@ -56,7 +51,7 @@ pub(super) fn of_drifting_lamp(
     stacks: &[Temporal],
     curve: &FrameCurve,
 ) {
-    let black = black(camera, design, stacks);
+    let black = maps::black_level(camera, design, stacks);
     let channels = Channels::new(camera);
     let shares = channels.shares();
     let ratio = |(c, t): (&Condition, &Temporal)| {

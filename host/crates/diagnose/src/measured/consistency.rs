@@ -2,12 +2,13 @@
 
 use crate::data::design::{Condition, Design};
 use crate::model::effects::dn_per_e;
-use crate::statistics::maps::{reference_dark, saturated};
+use crate::statistics::maps::{black_level, saturated};
 use crate::statistics::temporal::{Temporal, mean};
 use camrig_base::median::median;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_captures::Role;
+use camrig_linear::dot;
 use camrig_sensor_core::effects::Effect;
 use camrig_sensor_core::effects::empirical::Quantity;
 
@@ -41,10 +42,7 @@ const SAME_PATTERN: f64 = 0.3;
 /// A stack that contradicts the others; flats that are all saturated; flats whose fixed patterns
 /// are those of different sensors.
 pub fn check(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Result<()> {
-    let black = match reference_dark(design) {
-        Some(i) => stacks[i].level(),
-        None => camera.sensor.black_level_dn,
-    };
+    let black = black_level(camera, design, stacks);
     let flats: Vec<(&Condition, &Temporal)> =
         design.conditions.iter().zip(stacks).filter(|(c, _)| c.stack.role == Role::Flat).collect();
     let usable: Vec<(&Condition, &Temporal)> =
@@ -146,8 +144,7 @@ fn same_sensor(camera: &Camera, flats: &[(&Condition, &Temporal)], black: f64) -
         v.iter().map(|v| v.clamp(-limit, limit)).collect::<Vec<f64>>()
     };
     let (x, y) = (clip(&x), clip(&y));
-    let product =
-        |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(a, b)| a * b).sum::<f64>() / x.len() as f64;
+    let product = |x: &[f64], y: &[f64]| dot(x, y) / x.len() as f64;
     let noise = |t: &Temporal| 2.0 * mean(&t.pixel_variance) / t.frames as f64;
     let pattern = |v: &[f64], t: &Temporal| (product(v, v) - noise(t)).max(0.0);
     let expected = (pattern(&x, a) * pattern(&y, b)).sqrt();

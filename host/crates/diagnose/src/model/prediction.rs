@@ -3,6 +3,7 @@
 
 use crate::numerics::tails;
 use crate::statistics::statistic::{Key, Scale, Statistic, Values};
+use camrig_linear::moments;
 use std::collections::BTreeMap;
 
 /// Replicates count as scattering more than theory predicts only where their variance exceeds this
@@ -102,9 +103,7 @@ impl Prediction {
             let runs = all.len() as f64;
             let scale = statistic.scale;
             let scaled: Vec<f64> = all.iter().map(|s| scale.of(s.value)).collect();
-            let mean = scaled.iter().sum::<f64>() / runs;
-            let scatter =
-                scaled.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (runs - 1.0).max(1.0);
+            let (mean, scatter) = moments(&scaled);
             let theory = all.iter().map(|s| s.sd * s.sd).sum::<f64>() / runs;
             let variance = theory.max(scatter / SCATTER_MARGIN);
             let value = all.iter().map(|s| s.value).sum::<f64>() / runs;

@@ -7,6 +7,7 @@ use crate::measured::{Half, SEED};
 use crate::model::prediction::Prediction;
 use camrig_base::Result;
 use camrig_camera::Camera;
+use camrig_linear::moments;
 use rayon::prelude::*;
 
 /// First seed of replicates that estimators are applied to, after those of the prediction, which
@@ -71,10 +72,8 @@ fn significance(
 /// strength is from those due to chance. The mean and scatter of these are taken as no smaller than
 /// those of normal deviates, and the scatter as so many `times` that.
 fn beyond_chance(strength: f64, chance: &[f64], times: f64) -> f64 {
-    let n = chance.len() as f64;
-    let mean = chance.iter().sum::<f64>() / n;
-    let sd = (chance.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
-    let (mean, sd) = (mean.max(HALF_NORMAL_MEAN), times * sd.max(HALF_NORMAL_SD));
+    let (mean, variance) = moments(chance);
+    let (mean, sd) = (mean.max(HALF_NORMAL_MEAN), times * variance.sqrt().max(HALF_NORMAL_SD));
     HALF_NORMAL_MEAN + HALF_NORMAL_SD * (strength - mean) / sd
 }
 

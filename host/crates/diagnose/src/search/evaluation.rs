@@ -7,6 +7,7 @@ use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Key, Place, Values};
 use camrig_base::Result;
 use camrig_camera::Camera;
+use camrig_linear::moments;
 use std::collections::BTreeMap;
 
 /// Replicates of a model that is judged. Their mean adds a sixteenth to the variance of a
@@ -156,10 +157,8 @@ impl Norm {
                 mean_square(&Prediction::new(&others).deviations(&one, &BTreeMap::new()))
             })
             .collect();
-        let n = squares.len() as f64;
-        let mean = squares.iter().sum::<f64>() / n;
-        let sd = (squares.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
-        Self { mean, sd }
+        let (mean, variance) = moments(&squares);
+        Self { mean, sd: variance.sqrt() }
     }
 }
 

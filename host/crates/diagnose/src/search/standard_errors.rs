@@ -17,6 +17,7 @@ use crate::measured::{Half, Measured};
 use crate::model::prediction::Prediction;
 use crate::numerics::tails;
 use camrig_base::Result;
+use camrig_linear::moments;
 use camrig_sensor_core::effects::Effect;
 use rayon::prelude::*;
 
@@ -102,8 +103,7 @@ fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
     let n = estimates.len() as f64;
     let few = tails::student(Z_90, n - 1.0) / Z_90;
     for (i, (key, parameter)) in named.parameters.iter_mut().enumerate() {
-        let mean = estimates.iter().map(|e| e[i]).sum::<f64>() / n;
-        let variance = estimates.iter().map(|e| (e[i] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let (_, variance) = moments(&estimates.iter().map(|e| e[i]).collect::<Vec<_>>());
         // A parameter that the estimator fixes has no scatter, and any alias of a frequency may
         // come back.
         if variance > 0.0 && !key.starts_with("cycles_per_") {
@@ -137,6 +137,7 @@ fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evidence::Estimated;
     use camrig_sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
     fn wave(amplitude: f64, fx: f64) -> Proposal {
@@ -146,8 +147,8 @@ mod tests {
             cycles_per_row: 0.0,
         };
         Proposal::new("periodic-pattern-noise", effect.into(), 10.0)
-            .with("amplitude_e", amplitude, 0.1)
-            .with("cycles_per_column", fx, f64::NAN)
+            .with("amplitude_e", Estimated { value: amplitude, se: 0.1 })
+            .with("cycles_per_column", Estimated::chosen(fx))
     }
 
     #[test]

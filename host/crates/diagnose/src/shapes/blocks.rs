@@ -2,14 +2,15 @@
 //! not sums of a term per column of parts and a term per row of parts.
 
 use super::Shape;
+use super::parts::{MAPS, Parts, UNITS, differences};
 use super::seen::Seen;
-use super::stage::{MAPS, Parts, UNITS};
+use super::stage::shortest_s;
 use super::view::{View, change_mean, gain};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
-use crate::finding::{Finding, number};
-use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps::{self, MapKind};
+use crate::finding::Finding;
+use crate::report::{Domain, Form};
+use crate::statistics::maps::MapKind;
 use crate::statistics::temporal::Temporal;
 use camrig_camera::Camera;
 use camrig_camera::empirical::Empirical;
@@ -33,7 +34,7 @@ pub(crate) struct Blocks {
 fn levels(view: &View<'_>, kind: MapKind, columns: &[usize], rows: &[usize]) -> Vec<Estimated> {
     let parts = columns.len() * rows.len();
     let Some(plane) = view.plane(kind) else {
-        return vec![Estimated { value: 0.0, se: f64::NAN }; parts];
+        return vec![Estimated::chosen(0.0); parts];
     };
     let (w, unit) = (plane.width, view.unit(kind));
     let map = view.levelled(plane);
@@ -78,7 +79,7 @@ pub(crate) fn of(
             a.iter().zip(&b).map(|(a, b)| Estimated { value: (a.value + b.value) / 2.0, ..*a });
         let significant = a.iter().any(|e| e.z().abs() > SIGNIFICANT);
         let all: Vec<Estimated> = both.collect();
-        if significant { all } else { vec![Estimated { value: 0.0, se: f64::NAN }; all.len()] }
+        if significant { all } else { vec![Estimated::chosen(0.0); all.len()] }
     });
     interact.then_some(Blocks { columns, rows, size: (t.width, t.height), levels, evidence })
 }
@@ -116,50 +117,31 @@ impl Blocks {
             let (a, b) = (self.levels[map][0], self.levels[map][part]);
             Estimated { value: b.value - a.value, se: libm::hypot(a.se, b.se) }
         };
-        let [relative, offset, dark] = [step(0), step(1), step(2)];
-        let ratio = Estimated { value: self.gain(part) / self.gain(0), se: relative.se };
-        let start =
-            |i: usize, starts: &[usize]| Estimated { value: starts[i] as f64, se: f64::NAN };
+        let steps = [step(0), step(1), step(2)];
+        let ratio = Estimated { value: self.gain(part) / self.gain(0), se: steps[0].se };
+        let start = |i: usize, starts: &[usize]| Estimated::chosen(starts[i] as f64);
         let mut parameters = vec![
             ("first_column", start(part % self.columns.len(), &self.columns)),
             ("first_row", start(part / self.columns.len(), &self.rows)),
         ];
-        let mut differences = Vec::new();
-        let levels = [
-            (relative.se, "gain_ratio", ratio, "gain ratio", ""),
-            (offset.se, "offset_e", offset, "offset", " e⁻"),
-            (dark.se, "dark_current_e_per_s", dark, "dark current", " e⁻/s"),
-        ];
-        for (se, key, value, name, unit) in levels {
-            if se.is_finite() {
-                parameters.push((key, value));
-                differences.push(format!("{name} {}{unit}", number(value)));
-            }
-        }
+        let (figures, words) = differences(ratio, steps);
+        parameters.extend(figures);
+        let domain = if ratio.se.is_finite() { Domain::Gain } else { Domain::Offset };
         Finding {
-            domain: if relative.se.is_finite() { Domain::Gain } else { Domain::Offset },
-            form: Form::Seam,
-            dependence: Dependence {
-                exposure: 0.0,
-                signal: f64::from(u8::from(relative.se.is_finite())),
-            },
             parameters,
-            evidence: self.evidence,
-            shown: None,
             description: format!(
-                "a part of the sensor with its own amplifier (tap), {}: {} against {}",
+                "a part of the sensor with its own amplifier (tap), {}: {words} against {}",
                 self.place(part),
-                differences.join(", "),
                 self.place(0),
             ),
+            ..Finding::new(domain, Form::Seam, self.evidence)
         }
     }
 }
 
 impl Shape for Blocks {
     fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
-        let Some(dark) = maps::reference_dark(design) else { return };
-        let shortest = design.conditions[dark].stack.exposure_s;
+        let shortest = shortest_s(design);
         let black = camera.sensor.black_level_dn;
         for (c, t) in design.conditions.iter().zip(stacks) {
             let k = gain(camera, c);

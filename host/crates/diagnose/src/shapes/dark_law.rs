@@ -12,7 +12,7 @@ use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::minimise::lowest;
-use crate::report::{Dependence, Domain, Form};
+use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
@@ -201,7 +201,7 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
         mean: Estimated { value: mean, se: mean_se },
         spread: Estimated { value: s, se: spread_se },
         sd: Estimated { value: sd, se: libm::hypot(by_spread * spread_se, ratio * mean_se) },
-        shortest_s: fit.design.conditions[maps::reference_dark(fit.design)?].stack.exposure_s,
+        shortest_s: stage::shortest_s(fit.design),
         evidence,
     })
 }
@@ -251,16 +251,11 @@ impl Shape for DarkLaw {
 
     fn findings(&self) -> Vec<Finding> {
         vec![Finding {
-            domain: Domain::Dark,
-            form: Form::Distribution,
-            dependence: Dependence { exposure: 1.0, signal: 0.0 },
             parameters: vec![
                 ("ln_spread", self.spread),
                 ("mean_e_per_s", self.mean),
                 ("sd_e_per_s", self.sd),
             ],
-            evidence: self.evidence,
-            shown: None,
             description: format!(
                 "dark current that is log-normal over pixels: mean {} e⁻/s, standard deviation {} \
                  e⁻/s, standard deviation of its logarithm {}",
@@ -268,6 +263,7 @@ impl Shape for DarkLaw {
                 number(self.sd),
                 number(self.spread),
             ),
+            ..Finding::new(Domain::Dark, Form::Distribution, self.evidence)
         }]
     }
 }

@@ -5,20 +5,21 @@
 //! column and σ²v̄² to that of the row means, and correlates neighbours along the row, unlike noise
 //! that merely differs between columns. The catalogue's `row-temporal-noise` has v = 1.
 
+use super::lines::Lines;
 use super::seen::Seen;
 use super::stage;
-use super::view::View;
+use super::view::{View, gain};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::spectrum::Spectrum;
-use crate::report::{Dependence, Domain, Form};
+use crate::report::{Dependence, Domain};
 use crate::statistics::maps;
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{LAGS, Temporal, mean};
 use camrig_camera::Camera;
-use camrig_camera::empirical::{Empirical, Table};
+use camrig_camera::empirical::Empirical;
 use camrig_captures::Role;
 use camrig_sensor_core::effects::empirical::Quantity;
 
@@ -37,10 +38,10 @@ const MIN_POWER: f64 = 0.1;
 /// Pixels left out at each end of a line: the border's moments are copies of its neighbours'.
 const BORDER: usize = 1;
 
-/// The side from which lines are read.
+/// The lines that share the noise, and the end from which they are read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct Side {
-    rows: bool,
+    lines: Lines,
     from_end: bool,
 }
 
@@ -73,8 +74,8 @@ struct Profile {
 
 /// Decays that both halves show: from the likelier side along rows, and along columns.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let found = [true, false].into_iter().filter_map(|rows| {
-        let sides = [false, true].map(|from_end| Side { rows, from_end });
+    let found = [Lines::Rows, Lines::Columns].into_iter().filter_map(|lines| {
+        let sides = [false, true].map(|from_end| Side { lines, from_end });
         // What rises equally towards both ends is not a decay: serially correlated noise does, once
         // the mean of its line is subtracted.
         let [first, last] = sides.map(|side| along(side, fit, held_out));
@@ -87,19 +88,21 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
     shapes(found)
 }
 
-fn profiles(view: &View<'_>, rows: bool) -> Vec<Profile> {
+fn profiles(view: &View<'_>, lines: Lines) -> Vec<Profile> {
     let of = |(i, t): (usize, &Temporal)| {
         let (w, h) = (t.width, t.height);
         let unit = view.gain(i).powi(2);
-        let (n, across) = if rows { (w, h) } else { (h, w) };
+        let (n, across) = (lines.across().count(w, h), lines.count(w, h));
         let mut pixels = vec![0.0; n];
         for (at, &v) in t.pixel_variance.iter().enumerate() {
-            let place = if rows { at % w } else { at / w };
-            pixels[place] += f64::from(v) / across as f64 / unit;
+            pixels[lines.across().of(at, w)] += f64::from(v) / across as f64 / unit;
         }
-        let power = if rows { &t.row_power } else { &t.column_power };
+        let (power, lag) = match lines {
+            Lines::Rows => (&t.row_power, (1, 0)),
+            Lines::Columns => (&t.column_power, (0, 1)),
+        };
         let bins = power.len() as f64;
-        let neighbours = LAGS.iter().position(|&l| l == if rows { (1, 0) } else { (0, 1) });
+        let neighbours = LAGS.iter().position(|&l| l == lag);
         Profile {
             pixels,
             relative: (2.0 / (t.dof * across as f64)).sqrt(),
@@ -180,7 +183,7 @@ fn covaries(profiles: &[Profile], length: f64, from_end: bool, variance: f64) ->
 }
 
 fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
-    let (a, b) = (profiles(fit, side.rows), profiles(held_out, side.rows));
+    let (a, b) = (profiles(fit, side.lines), profiles(held_out, side.lines));
     let n = a.first()?.pixels.len();
     let (shortest, longest) = (MIN_LENGTH, MAX_LENGTH * n as f64);
     if n < 8 || longest < shortest {
@@ -247,7 +250,7 @@ impl Droop {
         let floor = MIN_POWER * mean(&t.pixel_variance);
         for (i, p) in power.iter_mut().enumerate().filter(|(_, p)| **p > 0.0) {
             let (x, y) = (i % columns, i / columns);
-            let k = if self.side.rows { x } else { y.min(h - y) };
+            let k = self.side.lines.across().at(x, y.min(h - y));
             let more = match k {
                 0 => 0.0,
                 k => unit * self.sigma_e.value.powi(2) * own.get(k - 1).copied().unwrap_or(0.0),
@@ -260,16 +263,15 @@ impl Droop {
 impl Shape for Droop {
     fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
         for (c, t) in design.conditions.iter().zip(stacks) {
-            let unit = super::view::gain(camera, c).powi(2);
-            let w = t.width;
-            let n = if self.side.rows { w } else { t.height };
+            let unit = gain(camera, c).powi(2);
+            let (w, along) = (t.width, self.side.lines.across());
+            let n = along.count(w, t.height);
             let v = fall(n, self.length.value, self.side.from_end);
             let middle = v.iter().sum::<f64>() / n as f64;
             let mut own = vec![0.0; n];
             let across = (t.pixel_variance.len() / n) as f64;
-            let place = |at: usize| if self.side.rows { at % w } else { at / w };
             for (at, &v) in t.pixel_variance.iter().enumerate() {
-                own[place(at)] += f64::from(v) / across;
+                own[along.of(at, w)] += f64::from(v) / across;
             }
             let factor: Vec<f32> = own
                 .iter()
@@ -281,7 +283,7 @@ impl Shape for Droop {
                 .collect();
             let old = mean(&t.pixel_variance);
             for (at, v) in t.pixel_variance.iter_mut().enumerate() {
-                *v *= factor[place(at)];
+                *v *= factor[along.of(at, w)];
             }
             let ratio = (mean(&t.pixel_variance) / old.max(1e-12)) as f32;
             t.pixel_fourth.iter_mut().for_each(|v| *v *= ratio * ratio);
@@ -290,9 +292,11 @@ impl Shape for Droop {
     }
 
     fn shows_in(&self, _: &Design, (place, what): &Key) -> bool {
-        let lines = match self.side.rows {
-            true => matches!(what, What::RowVariance | What::RowPeak | What::RowSlow),
-            false => matches!(what, What::ColumnVariance | What::ColumnPeak | What::ColumnSlow),
+        let lines = match self.side.lines {
+            Lines::Rows => matches!(what, What::RowVariance | What::RowPeak | What::RowSlow),
+            Lines::Columns => {
+                matches!(what, What::ColumnVariance | What::ColumnPeak | What::ColumnSlow)
+            }
         };
         let pixels = matches!(
             what,
@@ -318,53 +322,43 @@ impl Shape for Droop {
     }
 
     fn stages(&self, camera: &mut Camera, _: &Design) -> Vec<Empirical> {
-        let side = if self.side.rows { camera.sensor.width } else { camera.sensor.height };
-        let fall = stage::fall(side as usize, self.length.value, self.side.from_end);
-        let table = match self.side.rows {
-            true => Table::RowProfile(fall),
-            false => Table::ColumnProfile(fall),
-        };
-        vec![Empirical::new(Quantity::Temporal, table, self.sigma_e.value)]
+        let along = self.side.lines.across();
+        let side = along.count(camera.sensor.width as usize, camera.sensor.height as usize);
+        let fall = along.table(stage::fall(side, self.length.value, self.side.from_end));
+        vec![Empirical::new(Quantity::Temporal, fall, self.sigma_e.value)]
     }
 
     fn seen(&self, view: &View<'_>) -> Option<Seen> {
         let dark = maps::reference_dark(view.design)?;
-        let pixels = profiles(view, self.side.rows).swap_remove(dark).pixels;
+        let pixels = profiles(view, self.side.lines).swap_remove(dark).pixels;
         let sd: Vec<f64> = pixels.into_iter().map(f64::sqrt).collect();
-        let x = if self.side.rows { "column" } else { "row" };
+        let x = self.side.lines.across().word();
         Some(Seen::lines(x, "noise in the dark in excess of its line's, e⁻", &sd))
     }
 
     fn findings(&self) -> Vec<Finding> {
-        let (line, along, form) = match self.side.rows {
-            true => ("row", "columns", Form::RowProfile),
-            false => ("column", "rows", Form::ColumnProfile),
-        };
-        let start = match self.side.from_end {
-            true => "last",
-            false => "first",
+        let (line, along) = (self.side.lines.word(), self.side.lines.across());
+        let start = if self.side.from_end { "last" } else { "first" };
+        let length = match along {
+            Lines::Columns => "length_columns",
+            Lines::Rows => "length_rows",
         };
         vec![Finding {
-            domain: Domain::Temporal,
-            form,
             dependence: Dependence {
                 exposure: 0.0,
                 signal: if self.alike { 0.0 } else { f64::NAN },
             },
-            parameters: vec![
-                ("sigma_e", self.sigma_e),
-                (if self.side.rows { "length_columns" } else { "length_rows" }, self.length),
-            ],
-            evidence: self.evidence,
-            shown: None,
+            parameters: vec![("sigma_e", self.sigma_e), (length, self.length)],
             description: format!(
                 "noise common to a {line}, independent in every {line} and frame, that decays along it: {} \
-                 e⁻ at the {start} pixel, with a length of {} {along} (to 1/e), {} (a reference that \
+                 e⁻ at the {start} pixel, with a length of {} {}s (to 1/e), {} (a reference that \
                  settles at the {start} pixels)",
                 number(self.sigma_e),
                 number(self.length),
+                along.word(),
                 if self.alike { "equal in the dark and in light" } else { "different in light" },
             ),
+            ..Finding::new(Domain::Temporal, along.profile(), self.evidence)
         }]
     }
 }
@@ -372,6 +366,7 @@ impl Shape for Droop {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::Form;
     use crate::shapes::bench::{Hidden, Shot, WIDTH, figure, shoot};
 
     #[test]

@@ -6,6 +6,7 @@
 //! Without c₁ it is the catalogue's `row-temporal-noise` or `column-temporal-noise`; with a
 //! spectrum that is not flat it is `flicker-banding` or `row-correlated-noise`.
 
+use super::lines::Lines;
 use super::seen::Seen;
 use super::view::View;
 use super::{FALSE_ALARMS, Shape, shapes};
@@ -13,7 +14,6 @@ use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::report::{Dependence, Domain, Form};
-use crate::statistics::maps;
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
 use camrig_camera::Camera;
@@ -37,15 +37,9 @@ const NEGLIGIBLE: f64 = 0.02;
 const MIN_STACKS: usize = 4;
 const MIN_FLATS: usize = 3;
 
-/// Which lines the noise is common to.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Lines {
-    Rows,
-    Columns,
-}
-
 /// Line noise that grows with the signal.
 pub(crate) struct LineNoise {
+    /// Which lines it is common to.
     lines: Lines,
     exponent: Estimated,
     /// Standard deviation at a signal of S, e⁻.
@@ -72,7 +66,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
 }
 
 fn points(view: &View<'_>, lines: Lines) -> Option<Vec<Point>> {
-    let black = view.stacks[maps::reference_dark(view.design)?].level();
+    let black = view.black()?;
     let (mut lag, mut all, mut samples) = (0.0, 0.0, 0.0);
     let mut out = Vec::new();
     for (i, (t, c)) in view.stacks.iter().zip(&view.design.conditions).enumerate() {
@@ -184,11 +178,10 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
     }
     let variance = (chosen.1.growing.value + again.growing.value) / 2.0;
     let se = libm::hypot(chosen.1.growing.se, again.growing.se) / 2.0;
-    let sigma = variance.sqrt();
     Some(LineNoise {
         lines,
         exponent: Estimated { value: chosen.0, se: spread / 2.0 + EXPONENT_STEP / 4.0 },
-        sigma_e: Estimated { value: sigma, se: se / (2.0 * sigma) },
+        sigma_e: Estimated { value: variance, se }.sqrt(),
         brightest_e: brightest,
         alone: chosen.1.constant < NEGLIGIBLE * chosen.1.growing.value,
         evidence,
@@ -244,14 +237,12 @@ impl Shape for LineNoise {
     }
 
     fn findings(&self) -> Vec<Finding> {
-        let (line, form) = match self.lines {
-            Lines::Rows => ("row", Form::RowFlat),
-            Lines::Columns => ("column", Form::ColumnFlat),
+        let line = self.lines.word();
+        let form = match self.lines {
+            Lines::Rows => Form::RowFlat,
+            Lines::Columns => Form::ColumnFlat,
         };
-        let part = Estimated {
-            value: self.sigma_e.value / self.brightest_e,
-            se: self.sigma_e.se / self.brightest_e,
-        };
+        let part = self.sigma_e.over(self.brightest_e);
         let law = match (self.exponent.value - 1.0).abs() < 1e-9 {
             true => format!("{} of the signal", number(part)),
             false => {
@@ -259,17 +250,13 @@ impl Shape for LineNoise {
             }
         };
         vec![Finding {
-            domain: Domain::Temporal,
-            form,
             dependence: Dependence { exposure: 0.0, signal: self.exponent.value },
             parameters: vec![
                 ("exponent", self.exponent),
                 ("part_of_signal", part),
                 ("sigma_e", self.sigma_e),
-                ("signal_e", Estimated { value: self.brightest_e, se: f64::NAN }),
+                ("signal_e", Estimated::chosen(self.brightest_e)),
             ],
-            evidence: self.evidence,
-            shown: None,
             description: format!(
                 "noise common to a {line}, new in every {line} and frame, that grows with the \
                  signal to the power {}: {law}{} (a supply that the \
@@ -277,6 +264,7 @@ impl Shape for LineNoise {
                 number(self.exponent),
                 if self.alone { ", none in the dark" } else { "" },
             ),
+            ..Finding::new(Domain::Temporal, form, self.evidence)
         }]
     }
 }

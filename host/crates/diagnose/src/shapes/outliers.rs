@@ -9,7 +9,7 @@ use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::tails;
-use crate::report::{Dependence, Domain, Form};
+use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::temporal::{Temporal, mean};
 use camrig_base::numbers::counted;
@@ -165,16 +165,11 @@ impl Shape for Outliers {
             n => format!(", {n} of them below the others"),
         };
         vec![Finding {
-            domain: Domain::Offset,
-            form: Form::Distribution,
-            dependence: Dependence { exposure: 0.0, signal: 0.0 },
             parameters: vec![
                 ("fraction", self.fraction),
                 ("mean_e", self.mean_e),
-                ("pixels", Estimated { value: self.offsets.len() as f64, se: f64::NAN }),
+                ("pixels", Estimated::chosen(self.offsets.len() as f64)),
             ],
-            evidence: self.evidence,
-            shown: None,
             description: format!(
                 "outlying pixels of the offset, which grow with neither exposure nor light and are \
                  no noisier than others: a fraction {} of all pixels, {} e⁻ in the mean by an \
@@ -184,6 +179,7 @@ impl Shape for Outliers {
                 counted(self.offsets.len(), "pixel"),
                 self.least_e,
             ),
+            ..Finding::new(Domain::Offset, Form::Distribution, self.evidence)
         }]
     }
 }

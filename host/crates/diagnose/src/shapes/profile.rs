@@ -5,14 +5,15 @@
 //! observation, so that differences of single columns are noise; the line is left to the
 //! catalogue's `dark-current-gradient`.
 
+use super::lines::Lines;
 use super::seen::Seen;
 use super::stage;
-use super::view::{View, change_mean, gain, robust_sd};
+use super::view::{View, change_mean, gain, robust_sd, scale_noise};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
-use crate::report::{Dependence, Domain, Form};
+use crate::report::Domain;
 use crate::statistics::maps::MapKind;
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
@@ -39,8 +40,7 @@ const KNOTS: usize = 64;
 /// A profile of one map along one axis.
 struct Profile {
     kind: MapKind,
-    /// Whether it runs over columns.
-    over_columns: bool,
+    lines: Lines,
     /// For each line, e⁻ or e⁻/s; their mean is 0.
     values: Vec<f64>,
     /// Standard error of a value.
@@ -50,22 +50,22 @@ struct Profile {
 
 /// Profiles that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let places = MAPS.into_iter().flat_map(|kind| [(kind, true), (kind, false)]);
-    shapes(places.filter_map(|(kind, over_columns)| profile(fit, held_out, kind, over_columns)))
+    let places = MAPS.into_iter().flat_map(|kind| [(kind, Lines::Columns), (kind, Lines::Rows)]);
+    shapes(places.filter_map(|(kind, lines)| profile(fit, held_out, kind, lines)))
 }
 
 /// Means of a map's lines in the unit of findings, without outliers.
-fn line_means(view: &View<'_>, kind: MapKind, over_columns: bool) -> Option<Vec<f64>> {
+fn line_means(view: &View<'_>, kind: MapKind, lines: Lines) -> Option<Vec<f64>> {
     let map = view.about_median(view.plane(kind)?);
-    let n = if over_columns { map.width } else { map.height };
+    let n = lines.count(map.width, map.height);
     let mut means = vec![0.0; n];
     for _ in 0..ROUNDS {
-        let rest = about(&map, over_columns, &means);
+        let rest = about(&map, lines, &means);
         let limit = OUTLIER_Z * robust_sd(&rest);
         let (mut sums, mut counts) = (vec![0.0; n], vec![0.0; n]);
         for (i, (v, r)) in map.data.iter().zip(&rest).enumerate() {
             if f64::from(r.abs()) <= limit {
-                let line = line(i, map.width, over_columns);
+                let line = lines.of(i, map.width);
                 sums[line] += f64::from(*v);
                 counts[line] += 1.0;
             }
@@ -77,14 +77,9 @@ fn line_means(view: &View<'_>, kind: MapKind, over_columns: bool) -> Option<Vec<
     Some(means.into_iter().map(|m| (m - middle) * view.unit(kind)).collect())
 }
 
-/// The line of a pixel.
-fn line(i: usize, width: usize, over_columns: bool) -> usize {
-    if over_columns { i % width } else { i / width }
-}
-
 /// A map minus a value for each line.
-fn about(map: &Plane<f32>, over_columns: bool, lines: &[f64]) -> Vec<f32> {
-    let of = |(i, v): (usize, &f32)| v - lines[line(i, map.width, over_columns)] as f32;
+fn about(map: &Plane<f32>, lines: Lines, values: &[f64]) -> Vec<f32> {
+    let of = |(i, v): (usize, &f32)| v - values[lines.of(i, map.width)] as f32;
     map.data.iter().enumerate().map(of).collect()
 }
 
@@ -118,14 +113,8 @@ fn square(v: &[f64]) -> f64 {
     v.iter().map(|v| v * v).sum::<f64>().max(1e-300)
 }
 
-fn profile(
-    fit: &View<'_>,
-    held_out: &View<'_>,
-    kind: MapKind,
-    over_columns: bool,
-) -> Option<Profile> {
-    let a = line_means(fit, kind, over_columns)?;
-    let b = line_means(held_out, kind, over_columns)?;
+fn profile(fit: &View<'_>, held_out: &View<'_>, kind: MapKind, lines: Lines) -> Option<Profile> {
+    let (a, b) = (line_means(fit, kind, lines)?, line_means(held_out, kind, lines)?);
     let n = a.len() as f64;
     let (line_a, line_b) = (slope(&a), slope(&b));
     let least = -2.0 * libm::log(FALSE_ALARMS / COMPARISONS);
@@ -141,7 +130,7 @@ fn profile(
         ];
         let left = square(&rest) / (n - cosines as f64 - 2.0);
         let se = (left * (cosines as f64 + 1.0) / n).sqrt();
-        Profile { kind, over_columns, values, se, evidence }
+        Profile { kind, lines, values, se, evidence }
     };
     COSINES
         .into_iter()
@@ -154,7 +143,7 @@ fn profile(
 impl Profile {
     /// The value at a pixel.
     fn at(&self, x: usize, y: usize) -> f64 {
-        self.values.get(if self.over_columns { x } else { y }).copied().unwrap_or(0.0)
+        self.values.get(self.lines.at(x, y)).copied().unwrap_or(0.0)
     }
 
     /// The largest and the smallest value, with their lines.
@@ -173,12 +162,7 @@ impl Profile {
         let amount = from_base.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(1.0);
         let at: Vec<f64> = (0..count).map(|i| knot(i) as f64).collect();
         let values = (0..count).map(|i| (self.values[knot(i)] - base) / amount).collect();
-        let curve = Curve { at, values };
-        let table = match self.over_columns {
-            true => Table::RowProfile(curve),
-            false => Table::ColumnProfile(curve),
-        };
-        (table, amount)
+        (self.lines.table(Curve { at, values }), amount)
     }
 
     fn unit(&self) -> &'static str {
@@ -198,16 +182,11 @@ impl Shape for Profile {
             if self.kind == MapKind::DarkCurrent {
                 // Charge has shot noise.
                 let width = t.width;
-                let second = t.pixel_variance.iter_mut().zip(&mut t.pixel_lag);
-                let higher = t.pixel_third.iter_mut().zip(&mut t.pixel_fourth);
-                for (i, ((v, lag), (third, fourth))) in second.zip(higher).enumerate() {
+                scale_noise(t, |i, v| {
                     let more = (k * k * electrons(i % width, i / width)) as f32;
                     let square = (1.0 - more / v.max(1e-12)).max(0.0);
-                    *v *= square;
-                    *lag *= square;
-                    *third *= square * square.sqrt();
-                    *fourth *= square * square;
-                }
+                    [square, square * square.sqrt(), square * square]
+                });
             }
             change_mean(camera, t, &|x, y, v| v - k * electrons(x, y));
         }
@@ -226,33 +205,25 @@ impl Shape for Profile {
     }
 
     fn seen(&self, view: &View<'_>) -> Option<Seen> {
-        let x = if self.over_columns { "column" } else { "row" };
         let y = if self.kind == MapKind::Offset { "offset, e⁻" } else { "dark current, e⁻/s" };
-        Some(Seen::lines(x, y, &line_means(view, self.kind, self.over_columns)?))
+        Some(Seen::lines(self.lines.word(), y, &line_means(view, self.kind, self.lines)?))
     }
 
     fn findings(&self) -> Vec<Finding> {
         let dark = self.kind == MapKind::DarkCurrent;
-        let (line, form) = match self.over_columns {
-            true => ("column", Form::RowProfile),
-            false => ("row", Form::ColumnProfile),
-        };
+        let line = self.lines.word();
         let [greatest, least] = self.ends();
         let estimated = |value| Estimated { value, se: self.se };
-        let place = |line: usize| Estimated { value: line as f64, se: f64::NAN };
+        let place = |line: usize| Estimated::chosen(line as f64);
         let range = Estimated { value: greatest.1 - least.1, se: self.se * 2f64.sqrt() };
         let unit = self.unit();
+        let domain = if dark { Domain::Dark } else { Domain::Offset };
         vec![Finding {
-            domain: if dark { Domain::Dark } else { Domain::Offset },
-            form,
-            dependence: Dependence { exposure: f64::from(u8::from(dark)), signal: 0.0 },
             parameters: vec![
                 (if dark { "range_e_per_s" } else { "range_e" }, range),
                 ("highest_line", place(greatest.0)),
                 ("lowest_line", place(least.0)),
             ],
-            evidence: self.evidence,
-            shown: None,
             description: format!(
                 "{} that changes smoothly over the {line}s: {} {unit} at {line} {} and {} {unit} \
                  at {line} {}, about the mean",
@@ -262,6 +233,7 @@ impl Shape for Profile {
                 number(estimated(least.1)),
                 least.0,
             ),
+            ..Finding::new(domain, self.lines.profile(), self.evidence)
         }]
     }
 }
@@ -269,6 +241,7 @@ impl Shape for Profile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::Form;
     use crate::shapes::bench::{HEIGHT, Hidden, Shot, WIDTH, shoot};
     use crate::statistics::maps;
 

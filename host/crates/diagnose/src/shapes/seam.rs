@@ -5,15 +5,17 @@
 //! gain. Smooth models are the alternative hypotheses (`steps`). The levels of all parts are
 //! corrected to that of the part that the camera file fits best.
 
+use super::lines::Lines;
+use super::parts::{MAPS, Parts, UNITS, differences};
 use super::seen::Seen;
-use super::stage::{MAPS, Parts, UNITS};
+use super::stage::shortest_s;
 use super::steps::{self, Steps};
-use super::view::{View, change_mean, gain};
+use super::view::{View, change_mean, gain, scale_noise};
 use super::{Shape, blocks, shapes};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
-use crate::finding::{Finding, number};
-use crate::report::{Dependence, Domain, Form};
+use crate::finding::Finding;
+use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
@@ -33,13 +35,6 @@ const MIN_CONFIRMED: f64 = 0.5;
 /// Standard errors from which a step in another map at the same seam is reported.
 const SIGNIFICANT: f64 = 4.0;
 
-/// Whether lines are columns or rows.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Axis {
-    Columns,
-    Rows,
-}
-
 /// One seam.
 struct Seam {
     /// First line of the second part.
@@ -48,11 +43,11 @@ struct Seam {
     steps: [Estimated; 3],
 }
 
-/// The seams across one axis.
+/// The seams between columns or between rows.
 pub(crate) struct Taps {
-    axis: Axis,
-    /// Columns or rows of the sensor.
-    lines: usize,
+    lines: Lines,
+    /// How many the sensor has.
+    count: usize,
     seams: Vec<Seam>,
     /// Index of the part that the camera file fits best.
     reference: usize,
@@ -61,7 +56,8 @@ pub(crate) struct Taps {
 
 /// Seams that both halves show.
 pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
-    let [columns, rows] = [Axis::Columns, Axis::Rows].map(|axis| across(axis, fit, held_out));
+    let both = [Lines::Columns, Lines::Rows];
+    let [columns, rows] = both.map(|lines| between(lines, fit, held_out));
     if let (Some(columns), Some(rows)) = (&columns, &rows) {
         let at = [columns, rows].map(|taps| taps.seams.iter().map(|s| s.at).collect());
         let evidence = [0, 1].map(|i: usize| columns.evidence[i] + rows.evidence[i]);
@@ -73,14 +69,14 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
 }
 
 /// Means of a map's lines in the unit of findings.
-fn profile(view: &View<'_>, kind: MapKind, axis: Axis) -> Option<Vec<f64>> {
-    let plane = view.plane(kind)?;
-    let lines = match axis {
-        Axis::Columns => columns(&view.levelled(plane)),
-        Axis::Rows => rows(&view.levelled(plane)),
+fn profile(view: &View<'_>, kind: MapKind, lines: Lines) -> Option<Vec<f64>> {
+    let plane = view.levelled(view.plane(kind)?);
+    let means = match lines {
+        Lines::Columns => columns(&plane),
+        Lines::Rows => rows(&plane),
     };
     let unit = view.unit(kind);
-    Some(lines.into_iter().map(|v| v * unit).collect())
+    Some(means.into_iter().map(|v| v * unit).collect())
 }
 
 fn columns(p: &Plane<f32>) -> Vec<f64> {
@@ -96,20 +92,17 @@ fn rows(p: &Plane<f32>) -> Vec<f64> {
     p.data.chunks(p.width).map(mean).collect()
 }
 
-/// The seams across one axis.
-fn across(axis: Axis, fit: &View<'_>, held_out: &View<'_>) -> Option<Taps> {
-    let profiles = MAPS.map(|kind| profile(fit, kind, axis));
+/// The seams between some lines.
+fn between(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<Taps> {
+    let profiles = MAPS.map(|kind| profile(fit, kind, lines));
     let seen: [Option<Steps>; 3] =
         std::array::from_fn(|i| profiles[i].as_ref().and_then(|p| steps::find(p, PROFILES)));
     let all = seen.iter().flatten().cloned().reduce(|a, b| a.joined(b, SAME_PLACE))?;
-    let mut seams: Vec<Seam> = all
-        .at
-        .iter()
-        .map(|&at| Seam { at, steps: [Estimated { value: 0.0, se: f64::NAN }; 3] })
-        .collect();
+    let mut seams: Vec<Seam> =
+        all.at.iter().map(|&at| Seam { at, steps: [Estimated::chosen(0.0); 3] }).collect();
     let mut held = 0.0;
     for (i, kind) in MAPS.into_iter().enumerate() {
-        let (Some(a), Some(b)) = (&profiles[i], profile(held_out, kind, axis)) else { continue };
+        let (Some(a), Some(b)) = (&profiles[i], profile(held_out, kind, lines)) else { continue };
         let of = all.with_smooth_of(seen[i].as_ref());
         for ((seam, a), b) in seams.iter_mut().zip(of.sizes(a)).zip(of.sizes(&b)) {
             let difference = (a.value - b.value).abs();
@@ -125,8 +118,8 @@ fn across(axis: Axis, fit: &View<'_>, held_out: &View<'_>) -> Option<Taps> {
     if seams.is_empty() {
         return None;
     }
-    let lines = profiles.iter().flatten().map(Vec::len).next()?;
-    let mut taps = Taps { axis, lines, seams, reference: 0, evidence: [all.evidence, held] };
+    let count = profiles.iter().flatten().map(Vec::len).next()?;
+    let mut taps = Taps { lines, count, seams, reference: 0, evidence: [all.evidence, held] };
     taps.reference = taps.fits_best(fit);
     Some(taps)
 }
@@ -141,10 +134,10 @@ impl Taps {
     fn level(&self, map: usize, part: usize) -> f64 {
         let before = |to: usize| self.seams[..to].iter().map(|s| s.steps[map].value).sum::<f64>();
         let starts = self.seams.iter().map(|s| s.at);
-        let ends = starts.clone().skip(1).chain([self.lines]);
+        let ends = starts.clone().skip(1).chain([self.count]);
         let parts = starts.zip(ends).enumerate();
         let sum: f64 = parts.map(|(i, (from, to))| before(i + 1) * (to - from) as f64).sum();
-        before(part) - sum / self.lines as f64
+        before(part) - sum / self.count as f64
     }
 
     /// Gain of a part over the mean of all.
@@ -178,15 +171,10 @@ impl Taps {
 
 impl Shape for Taps {
     fn subtract(&self, camera: &Camera, design: &Design, stacks: &mut [Temporal]) {
-        let Some(dark) = maps::reference_dark(design) else { return };
-        let shortest = design.conditions[dark].stack.exposure_s;
+        let shortest = shortest_s(design);
         let black = camera.sensor.black_level_dn;
         for (c, t) in design.conditions.iter().zip(stacks) {
             let k = gain(camera, c);
-            let line = |x: usize, y: usize| match self.axis {
-                Axis::Columns => x,
-                Axis::Rows => y,
-            };
             let changes: Vec<(f64, f64)> = (0..=self.seams.len())
                 .map(|part| {
                     let of = |map| self.level(map, part) - self.level(map, self.reference);
@@ -195,18 +183,13 @@ impl Shape for Taps {
                 })
                 .collect();
             let width = t.width;
-            let second = t.pixel_variance.iter_mut().zip(&mut t.pixel_lag);
-            let higher = t.pixel_third.iter_mut().zip(&mut t.pixel_fourth);
-            for (i, ((v, lag), (third, fourth))) in second.zip(higher).enumerate() {
-                let factor = changes[self.part(line(i % width, i / width))].1 as f32;
+            scale_noise(t, |i, _| {
+                let factor = changes[self.part(self.lines.of(i, width))].1 as f32;
                 let square = factor * factor;
-                *v *= square;
-                *lag *= square;
-                *third *= square * factor;
-                *fourth *= square * square;
-            }
+                [square, square * factor, square * square]
+            });
             change_mean(camera, t, &|x, y, v| {
-                let (more, factor) = changes[self.part(line(x, y))];
+                let (more, factor) = changes[self.part(self.lines.at(x, y))];
                 black + (v - black - more) * factor
             });
         }
@@ -221,9 +204,9 @@ impl Shape for Taps {
             };
             (0..starts.len()).map(of).collect()
         });
-        let (columns, rows): (&[usize], &[usize]) = match self.axis {
-            Axis::Columns => (&starts, &[0]),
-            Axis::Rows => (&[0], &starts),
+        let (columns, rows): (&[usize], &[usize]) = match self.lines {
+            Lines::Columns => (&starts, &[0]),
+            Lines::Rows => (&[0], &starts),
         };
         Parts { columns, rows, levels }.stages(camera, design)
     }
@@ -231,11 +214,8 @@ impl Shape for Taps {
     fn seen(&self, view: &View<'_>) -> Option<Seen> {
         let stepped = |map: &usize| self.seams.iter().any(|s| s.steps[*map].value != 0.0);
         let map = (0..MAPS.len()).find(stepped)?;
-        let x = match self.axis {
-            Axis::Columns => "column",
-            Axis::Rows => "row",
-        };
-        Some(Seen::lines(x, UNITS[map], &profile(view, MAPS[map], self.axis)?))
+        let profile = profile(view, MAPS[map], self.lines)?;
+        Some(Seen::lines(self.lines.word(), UNITS[map], &profile))
     }
 
     fn findings(&self) -> Vec<Finding> {
@@ -246,49 +226,30 @@ impl Shape for Taps {
 impl Taps {
     /// The seam before a part.
     fn finding(&self, part: usize) -> Finding {
-        let (line, key) = match self.axis {
-            Axis::Columns => ("column", "first_column"),
-            Axis::Rows => ("row", "first_row"),
+        let key = match self.lines {
+            Lines::Columns => "first_column",
+            Lines::Rows => "first_row",
         };
         let seam = &self.seams[part - 1];
-        let [gain, offset, dark] = seam.steps;
-        let ratio = Estimated { value: self.gain(part) / self.gain(part - 1), se: gain.se };
-        let first = Estimated { value: seam.at as f64, se: f64::NAN };
-        let mut parameters = vec![(key, first)];
-        let mut differences = Vec::new();
-        if gain.value != 0.0 {
-            differences.push(format!("gain ratio {}", number(ratio)));
-            parameters.push(("gain_ratio", ratio));
-        }
-        if offset.value != 0.0 {
-            differences.push(format!("offset {} e⁻", number(offset)));
-            parameters.push(("offset_e", offset));
-        }
-        if dark.value != 0.0 {
-            differences.push(format!("dark current {} e⁻/s", number(dark)));
-            parameters.push(("dark_current_e_per_s", dark));
-        }
+        let ratio = self.gain(part) / self.gain(part - 1);
+        let ratio = Estimated { value: ratio, se: seam.steps[0].se };
+        let (figures, words) = differences(ratio, seam.steps);
+        let mut parameters = vec![(key, Estimated::chosen(seam.at as f64))];
+        parameters.extend(figures);
         let domain = match seam.steps.map(|e| e.value != 0.0) {
             [true, ..] => Domain::Gain,
             [_, true, _] => Domain::Offset,
             _ => Domain::Dark,
         };
         Finding {
-            domain,
-            form: Form::Seam,
-            dependence: Dependence {
-                exposure: f64::from(u8::from(domain == Domain::Dark)),
-                signal: f64::from(u8::from(domain == Domain::Gain)),
-            },
             parameters,
-            evidence: self.evidence,
-            shown: None,
             description: format!(
-                "a seam between two parts of the sensor with separate amplifiers (taps), at \
-                 {line} {}, the first of the second part: {} against the part before",
-                seam.at,
-                differences.join(", ")
+                "a seam between two parts of the sensor with separate amplifiers (taps), at {} \
+                 {}, the first of the second part: {words} against the part before",
+                self.lines.word(),
+                seam.at
             ),
+            ..Finding::new(domain, Form::Seam, self.evidence)
         }
     }
 }

@@ -1,6 +1,7 @@
 //! How a shape appears in moments, measured or simulated: a curve or a coarse map.
 
 use super::view::View;
+use crate::statistics::temporal::mean;
 use camrig_base::Plane;
 
 /// Most points of a curve.
@@ -83,12 +84,11 @@ impl Seen {
 
 /// Standard deviation over the frames of a stack, e⁻, and its signal, e⁻, for each stack.
 pub(crate) fn noise_over_signal(view: &View<'_>) -> Option<Seen> {
-    let dark = crate::statistics::maps::reference_dark(view.design)?;
-    let black = view.stacks[dark].level();
+    let black = view.black()?;
     let mut points: Vec<[f64; 2]> = (view.stacks.iter().enumerate())
         .map(|(i, t)| {
             let k = view.gain(i);
-            let variance = crate::statistics::temporal::mean(&t.pixel_variance);
+            let variance = mean(&t.pixel_variance);
             [(t.level() - black) / k, variance.sqrt() / k]
         })
         .collect();

@@ -7,13 +7,13 @@
 //! fitted by Whittle's likelihood (1953).
 
 use super::seen::Seen;
-use super::view::{View, gain};
+use super::view::{IN_THE_DARK, View, gain, scale_noise};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
 use crate::evidence::{Estimated, pooled};
 use crate::finding::{Finding, number};
 use crate::numerics::minimise::minimum;
-use crate::report::{Dependence, Domain, Form};
+use crate::report::{Domain, Form};
 use crate::statistics::maps;
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
@@ -286,15 +286,7 @@ fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Seri
         let darks: Vec<&Spectrum> = a.iter().chain(&b).filter(|s| !s.flat).collect();
         with_known_white(&darks, correlation)
     };
-    let sigma = both.value.sqrt();
-    Some(Serial {
-        along_rows,
-        length,
-        correlation,
-        amount_e: Estimated { value: sigma, se: both.se / (2.0 * sigma) },
-        additional,
-        evidence,
-    })
+    Some(Serial { along_rows, length, correlation, amount_e: both.sqrt(), additional, evidence })
 }
 
 impl Shape for Serial {
@@ -309,10 +301,8 @@ impl Shape for Serial {
             let more = share * self.amount_e.value.powi(2) * gain(camera, c).powi(2);
             let all = mean(&t.pixel_variance);
             let ratio = ((all - more) / all.max(1e-12)).max(0.0) as f32;
-            t.pixel_variance.iter_mut().for_each(|v| *v *= ratio);
-            t.pixel_lag.iter_mut().for_each(|v| *v *= ratio);
-            t.pixel_third.iter_mut().for_each(|v| *v *= libm::powf(ratio, 1.5));
-            t.pixel_fourth.iter_mut().for_each(|v| *v *= ratio * ratio);
+            let factors = [ratio, libm::powf(ratio, 1.5), ratio * ratio];
+            scale_noise(t, |_, _| factors);
         }
     }
 
@@ -335,7 +325,7 @@ impl Shape for Serial {
         match place {
             Place::Stack(_) => correlated,
             // Its residual in the mean of the frames.
-            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            Place::Map(kind) => IN_THE_DARK.contains(kind),
             _ => false,
         }
     }
@@ -394,16 +384,12 @@ impl Shape for Serial {
         };
         let what = if self.along_rows { "an amplifier" } else { "a column's amplifier" };
         vec![Finding {
-            domain: Domain::Temporal,
-            form: Form::Correlation,
-            dependence: Dependence { exposure: 0.0, signal: 0.0 },
             parameters,
-            evidence: self.evidence,
-            shown: None,
             description: format!(
                 "serially correlated noise {along}: {whose}, {reach}, equal in the dark and in \
                  light ({what} with memory of the pixel before)",
             ),
+            ..Finding::new(Domain::Temporal, Form::Correlation, self.evidence)
         }]
     }
 }

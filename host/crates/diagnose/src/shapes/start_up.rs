@@ -8,7 +8,7 @@ use super::view::{View, gain};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
-use crate::report::{Dependence, Domain, Form};
+use crate::report::{Domain, Form};
 use crate::statistics::temporal::Temporal;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Curve as Knots, Empirical, Table};
@@ -64,7 +64,7 @@ impl StartUp {
 
     fn amount_e(&self) -> Estimated {
         let FrameCurve { amplitude, std_error, .. } = self.curve;
-        Estimated { value: amplitude / self.gain, se: std_error / self.gain }
+        Estimated { value: amplitude, se: std_error }.over(self.gain)
     }
 }
 
@@ -101,20 +101,16 @@ impl Shape for StartUp {
             }
             CurveShape::Line => "from the first frame of a stack to its last".to_string(),
         };
-        let fall = (amount.value / amount.se).powi(2);
+        // It was fitted to all frames together: none are held out.
+        let evidence = [(amount.value / amount.se).powi(2), f64::NAN];
         vec![Finding {
-            domain: Domain::Offset,
-            form: Form::FrameCurve,
-            dependence: Dependence { exposure: 0.0, signal: 0.0 },
             parameters,
-            // It was fitted to all frames together: none are held out.
-            evidence: [fall, f64::NAN],
             description: format!(
                 "the level of frames after a start of the sensor, equal in the dark and in light: {} \
                  e⁻ {how}",
                 number(amount)
             ),
-            shown: None,
+            ..Finding::new(Domain::Offset, Form::FrameCurve, evidence)
         }]
     }
 }

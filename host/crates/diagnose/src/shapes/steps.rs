@@ -6,6 +6,7 @@
 use super::FALSE_ALARMS;
 use crate::evidence::Estimated;
 use crate::numerics::tails;
+use camrig_linear::dot;
 use std::f64::consts::PI;
 
 /// A smooth model of a profile.
@@ -84,10 +85,6 @@ impl Basis {
             self.0.push(residual);
         }
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// 0 before a line, 1 from it on.

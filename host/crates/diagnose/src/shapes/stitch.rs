@@ -7,12 +7,12 @@
 //! levels.
 
 use super::seen::{self, Seen};
-use super::view::{View, gain};
+use super::view::{View, change_mean, gain, scale_noise};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
+use crate::evidence::{Estimated, pooled};
 use crate::finding::{Finding, number};
-use crate::report::{Dependence, Domain, Form};
+use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
 use crate::statistics::noise::frame_variance;
 use crate::statistics::statistic::{Key, Place, What};
@@ -82,8 +82,7 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
 
 /// Stacks by signal; none without flats of known light in one channel.
 fn levels(view: &View<'_>) -> Option<Vec<Level>> {
-    let dark = maps::reference_dark(view.design)?;
-    let black = view.stacks[dark].level();
+    let black = view.black()?;
     if view.camera.sensor.channel_names.len() > 1 {
         return None;
     }
@@ -270,13 +269,12 @@ fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
     let significant = d.z().abs() > CONFIRMED_Z && d2.z() * d.value.signum() > CONFIRMED_Z / 2.0;
     let ratio = match significant {
         true => Estimated { value: 1.0 + (d.value + d2.value) / 2.0, se: d.se / 2f64.sqrt() },
-        false => Estimated { value: 1.0, se: f64::NAN },
+        false => Estimated::chosen(1.0),
     };
     let more_e = added(&[a, b], at, ratio.value)?;
     let (below, over) = (&a[at - 1], &a[at]);
     let id = |l: &Level| fit.design.conditions[l.stack].stack.id.clone();
-    let dark = maps::reference_dark(fit.design)?;
-    let black = fit.stacks[dark].level();
+    let black = fit.black()?;
     let open_dn =
         [quantile(&fit.stacks[below.stack], 1.0 - TAIL), quantile(&fit.stacks[over.stack], TAIL)];
     let open_e = [
@@ -317,9 +315,8 @@ fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Estimated> {
             Estimated { value: variance - ratio * ratio * own, se: l.excess.se }
         }));
     }
-    let variance = crate::evidence::pooled(found)?;
-    let sigma = variance.value.max(0.0).sqrt();
-    (sigma > 0.0).then(|| Estimated { value: sigma, se: variance.se / (2.0 * sigma) })
+    let variance = pooled(found)?;
+    (variance.value > 0.0).then(|| variance.sqrt())
 }
 
 /// Where between two signals, e⁻, a step lies that a level has on both sides: where its excess of
@@ -364,15 +361,12 @@ impl Shape for Stitch {
                 continue;
             }
             let r = self.ratio.value;
-            super::view::change_mean(camera, t, &|_, _, v| black + (v - black) / r);
+            change_mean(camera, t, &|_, _, v| black + (v - black) / r);
             let old = mean(&t.pixel_variance);
             let new = (old - (k * self.more_e.value).powi(2)).max(0.0) / (r * r);
             let ratio = new / old.max(1e-12);
-            let by = |v: &mut [f32], f: f64| v.iter_mut().for_each(|x| *x *= f as f32);
-            by(&mut t.pixel_variance, ratio);
-            by(&mut t.pixel_lag, ratio);
-            by(&mut t.pixel_third, libm::pow(ratio, 1.5));
-            by(&mut t.pixel_fourth, ratio * ratio);
+            let factors = [ratio, libm::pow(ratio, 1.5), ratio * ratio].map(|f| f as f32);
+            scale_noise(t, |_, _| factors);
             t.row_power.iter_mut().chain(&mut t.column_power).for_each(|p| *p *= ratio);
             t.row_lag *= ratio;
             t.block_variance *= ratio;
@@ -408,7 +402,6 @@ impl Shape for Stitch {
         let [low, high] = self.open_e;
         let [low_dn, high_dn] = self.open_dn;
         let [first, second] = &self.ids;
-        let known = |value| Estimated { value, se: f64::NAN };
         let ratio = match self.ratio.se.is_finite() {
             true => format!(" and the gain is {} times that below", number(self.ratio)),
             false => " with the same gain".into(),
@@ -418,26 +411,22 @@ impl Shape for Stitch {
             Some((_, id)) => format!("{id} has samples on both sides of it"),
         };
         let mut parameters = vec![
-            ("above_e", known(low)),
-            ("below_e", known(high)),
+            ("above_e", Estimated::chosen(low)),
+            ("below_e", Estimated::chosen(high)),
             ("read_noise_more_e", self.more_e),
         ];
         if self.ratio.se.is_finite() {
             parameters.push(("gain_ratio", self.ratio));
         }
         vec![Finding {
-            domain: Domain::Response,
-            form: Form::SignalStep,
-            dependence: Dependence { exposure: 0.0, signal: 0.0 },
             parameters,
-            evidence: self.evidence,
-            shown: None,
             description: format!(
                 "a step of the response (two gains in one sample) between {low:.0} and {high:.0} \
                  e⁻ ({low_dn:.0} and {high_dn:.0} DN), where neither {first} nor {second} has \
                  samples: above it noise is higher by {} e⁻{ratio}; {place}",
                 number(self.more_e),
             ),
+            ..Finding::new(Domain::Response, Form::SignalStep, self.evidence)
         }]
     }
 }

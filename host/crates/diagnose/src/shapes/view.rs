@@ -50,6 +50,11 @@ impl<'a> View<'a> {
         }
     }
 
+    /// Mean of the reference dark, DN.
+    pub fn black(&self) -> Option<f64> {
+        Some(self.stacks[maps::reference_dark(self.design)?].level())
+    }
+
     /// What the model as given predicts for a statistic.
     pub fn predicted(&self, key: Key) -> Option<f64> {
         Some(self.prediction?.of.get(&key)?.value)
@@ -98,6 +103,20 @@ pub(crate) fn channel_medians(values: &[f32], channels: &Channels) -> Vec<f64> {
     let mut own = vec![Vec::new(); channels.count()];
     channels.visit(values, |v, c| own[c].push(v));
     own.iter_mut().map(|v| f64::from(median(v, f32::total_cmp))).collect()
+}
+
+/// Multiplies the moments of each pixel over time: variance and lag, third and fourth moment each by
+/// a factor that depends on the pixel and its variance.
+pub(crate) fn scale_noise(t: &mut Temporal, by: impl Fn(usize, f32) -> [f32; 3]) {
+    let second = t.pixel_variance.iter_mut().zip(&mut t.pixel_lag);
+    let higher = t.pixel_third.iter_mut().zip(&mut t.pixel_fourth);
+    for (i, ((variance, lag), (third, fourth))) in second.zip(higher).enumerate() {
+        let [square, cube, fourth_power] = by(i, *variance);
+        *variance *= square;
+        *lag *= square;
+        *third *= cube;
+        *fourth *= fourth_power;
+    }
 }
 
 /// Changes each value of a stack's mean frame by its column and row. The outermost pixels are

@@ -12,7 +12,7 @@ use crate::data::design::Design;
 use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::spectrum::{Background, Spectrum, Spectrum2};
-use crate::report::{Dependence, Domain, Form};
+use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
@@ -224,7 +224,7 @@ fn subtract_sinusoid(map: &mut Plane<f32>, [fx, fy]: [f64; 2], n: f64, border: [
 /// at exactly that frequency than at frequencies nearby.
 fn repeats(map: &Plane<f32>, near: [f64; 2]) -> bool {
     let exact = catalogued(near);
-    let power = |f: [f64; 2]| projection(map, f).iter().map(|v| v * v).sum::<f64>();
+    let power = |f: [f64; 2]| power(map, f);
     let most = power(exact);
     let detuning = [DETUNING / map.width as f64, DETUNING / map.height as f64];
     let moves = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
@@ -269,6 +269,12 @@ fn projection(map: &Plane<f32>, [fx, fy]: [f64; 2]) -> [f64; 2] {
     [c, s]
 }
 
+/// Power at a frequency.
+fn power(map: &Plane<f32>, frequency: [f64; 2]) -> f64 {
+    let [c, s] = projection(map, frequency);
+    c * c + s * s
+}
+
 /// Means of columns and of rows.
 fn line_means(map: &Plane<f32>) -> [Vec<f64>; 2] {
     let (w, h) = (map.width, map.height);
@@ -297,10 +303,7 @@ fn highest(lines: &[f64]) -> (f64, f64) {
 
 /// The frequency near a bin where a map has most power; a frequency that is not `free` stays.
 fn refined(map: &Plane<f32>, start: [f64; 2], free: [bool; 2]) -> [f64; 2] {
-    let power = |f: [f64; 2]| {
-        let [c, s] = projection(map, f);
-        c * c + s * s
-    };
+    let power = |f: [f64; 2]| power(map, f);
     let (mut f, mut most) = (start, power(start));
     let mut step = [0.25 / map.width as f64, 0.25 / map.height as f64];
     for _ in 0..HALVINGS {
@@ -402,10 +405,10 @@ impl Shape for Wave {
     }
 
     fn findings(&self) -> Vec<Finding> {
-        let (domain, key, unit, exponents) = match self.kind {
-            MapKind::DarkCurrent => (Domain::Dark, "amplitude_e_per_s", " e⁻/s", (1.0, 0.0)),
-            MapKind::Gain => (Domain::Gain, "amplitude", " of the signal", (0.0, 1.0)),
-            _ => (Domain::Offset, "amplitude_e", " e⁻", (0.0, 0.0)),
+        let (domain, key, unit) = match self.kind {
+            MapKind::DarkCurrent => (Domain::Dark, "amplitude_e_per_s", " e⁻/s"),
+            MapKind::Gain => (Domain::Gain, "amplitude", " of the signal"),
+            _ => (Domain::Offset, "amplitude_e", " e⁻"),
         };
         let [fx, fy] = self.cycles;
         let digits = self.digits;
@@ -419,20 +422,12 @@ impl Shape for Wave {
             _ => "the same in every frame, in the dark and in light",
         };
         vec![Finding {
-            domain,
-            form: Form::Wave,
-            dependence: Dependence { exposure: exponents.0, signal: exponents.1 },
             parameters: vec![
                 (key, self.amplitude),
                 ("cycles_per_column", fx),
                 ("cycles_per_row", fy),
-                (
-                    "phase_turns",
-                    Estimated { value: (self.phase / TAU).rem_euclid(1.0), se: f64::NAN },
-                ),
+                ("phase_turns", Estimated::chosen((self.phase / TAU).rem_euclid(1.0))),
             ],
-            evidence: self.evidence,
-            shown: None,
             description: format!(
                 "a stationary plane wave: amplitude {}{unit}, {:.digits$} cycles per \
                  column and {:.digits$} per row ({}, {}), {:.0}° at the first pixel; {grows}",
@@ -443,6 +438,7 @@ impl Shape for Wave {
                 period(fy.value, "rows"),
                 (self.phase * 180.0 / PI).rem_euclid(360.0),
             ),
+            ..Finding::new(domain, Form::Wave, self.evidence)
         }]
     }
 }

@@ -55,13 +55,12 @@ impl Surface {
     pub fn fit(points: &[Point]) -> Result<Self> {
         let fits = |&degree: &usize| 2 * terms(degree, 0.0, 0.0).len() <= points.len();
         let mut degree = (1..=DEGREE).rev().find(fits).unwrap_or(0);
-        let design =
-            |degree| -> Vec<Vec<f64>> { points.iter().map(|p| terms(degree, p.0, p.1)).collect() };
-        let values: Vec<f64> = points.iter().map(|p| p.2.value).collect();
         let at = |degree: usize, departure: f64| {
-            let errors: Vec<f64> =
-                points.iter().map(|p| libm::hypot(p.2.std_error, departure.sqrt())).collect();
-            Fit::new(&design(degree), &values, &errors)
+            let datum = |&(x, y, v): &Point| {
+                let error = libm::hypot(v.std_error, departure.sqrt());
+                (terms(degree, x, y), Value::new(v.value, error))
+            };
+            Fit::new(&points.iter().map(datum).collect::<Vec<_>>())
         };
         // Points on few lines do not determine all terms.
         while degree > 0 && at(degree, 0.0).is_err() {

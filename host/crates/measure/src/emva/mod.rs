@@ -86,9 +86,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     });
     for (_, flat) in &flats {
         if flat.channels[0].frames < 2 {
-            return Err(Error::input("temporal noise needs more than one frame")
-                .at(format!("flat capture {:?}", flat.id))
-                .help("provide at least two frames per capture"));
+            return Err(ladder::single_frame(format!("flat capture {:?}", flat.id)));
         }
     }
     ladder::check_flats(&darks, flats.iter().map(|f| &f.1))?;
@@ -440,8 +438,9 @@ impl VarianceLine {
 
 /// Unweighted straight line: value at zero and slope.
 fn line(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
-    let design: Vec<Vec<f64>> = x.iter().map(|&x| vec![1.0, x]).collect();
-    let fit = Fit::new(&design, y, &vec![1.0; y.len()]).ok()?;
+    let data: Vec<_> =
+        x.iter().zip(y).map(|(&x, &y)| (vec![1.0, x], Value::new(y, 1.0))).collect();
+    let fit = Fit::new(&data).ok()?;
     Some((fit.coefficients[0], fit.coefficients[1]))
 }
 
@@ -457,10 +456,9 @@ fn linearity(photons: &[f64], signal: &[f64], saturation: usize) -> Option<Vec<(
                 && signal[i] <= LINEARITY_RANGE.end() * full
         })
         .collect();
-    let chosen: Vec<usize> = (0..signal.len()).filter(|&i| inside[i]).collect();
-    let design: Vec<Vec<f64>> = chosen.iter().map(|&i| vec![1.0, photons[i]]).collect();
-    let y: Vec<f64> = chosen.iter().map(|&i| signal[i]).collect();
-    let fit = Fit::new(&design, &y, &y).ok()?;
+    let chosen = (0..signal.len()).filter(|&i| inside[i]);
+    let datum = |i: usize| (vec![1.0, photons[i]], Value::new(signal[i], signal[i]));
+    let fit = Fit::new(&chosen.map(datum).collect::<Vec<_>>()).ok()?;
     let model = |i: usize| fit.coefficients[0] + fit.coefficients[1] * photons[i];
     Some((0..signal.len()).map(|i| (100.0 * (signal[i] / model(i) - 1.0), inside[i])).collect())
 }

@@ -1,6 +1,8 @@
 //! Position of the edge: a polynomial through the centroids of the rows' derivatives.
 
 use super::{Rows, Sample};
+use crate::Value;
+use crate::fit::Fit;
 use camrig_base::{Error, Result};
 
 /// Passes of the fit: one over whole rows, three in windows around the line found before. The
@@ -157,11 +159,9 @@ fn centroid(row: &[Sample], centre: Option<f64>, step: f64) -> Option<f64> {
 fn polynomial(points: &[(f64, f64)], order: usize) -> Result<Vec<f64>> {
     // Abscissas are scaled to 1 at most, so that powers stay comparable.
     let range = points.iter().map(|p| p.0.abs()).fold(1.0, f64::max);
-    let design: Vec<Vec<f64>> = points
-        .iter()
-        .map(|p| (0..=order).map(|k| (p.0 / range).powi(k as i32)).collect())
-        .collect();
-    let y: Vec<f64> = points.iter().map(|p| p.1).collect();
-    let fit = crate::fit::Fit::new(&design, &y, &vec![1.0; y.len()])?;
+    let datum = |&(x, y): &(f64, f64)| {
+        ((0..=order).map(|k| (x / range).powi(k as i32)).collect(), Value::new(y, 1.0))
+    };
+    let fit = Fit::new(&points.iter().map(datum).collect::<Vec<_>>())?;
     Ok(fit.coefficients.iter().enumerate().map(|(k, c)| c / range.powi(k as i32)).collect())
 }

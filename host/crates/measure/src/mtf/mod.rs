@@ -37,6 +37,7 @@ use super::value::Value;
 use camrig_base::Cfa;
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Error, ErrorCode, Plane, Result};
+use camrig_linear::moments;
 use serde::Serialize;
 use std::borrow::Borrow;
 
@@ -291,9 +292,7 @@ impl<'a> Edges<'a> {
         let own = |frame| Ok(Sfr::of(&self.spread(frame, None)?)?.crossing(0.5));
         let own: Vec<Option<f64>> = self.found.iter().map(own).collect::<Result<_>>()?;
         let own: Vec<f64> = own.into_iter().flatten().collect();
-        let mean = own.iter().sum::<f64>() / own.len() as f64;
-        let square = own.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-        Ok((own.len() > 1).then(|| (square / (own.len() - 1) as f64).sqrt()))
+        Ok((own.len() > 1).then(|| moments(&own).1.sqrt()))
     }
 }
 

@@ -35,7 +35,7 @@ use super::spatial::SpatialVariance;
 use super::stack::Stack;
 use super::transfer::{Knee, Transfer};
 use super::value::Value;
-use camrig_base::{Error, Result};
+use camrig_base::Result;
 use camrig_captures::{Capture, CaptureSet};
 use serde::Serialize;
 
@@ -243,9 +243,7 @@ impl Flats {
             let codes = ladder::codes(darks, std::slice::from_ref(&level));
             for (c, m) in level.channels.iter().enumerate() {
                 if m.frames < 2 {
-                    return Err(Error::input("temporal noise needs more than one frame")
-                        .at(format!("flat capture {:?}", level.id))
-                        .help("provide at least two frames per capture"));
+                    return Err(ladder::single_frame(format!("flat capture {:?}", level.id)));
                 }
                 let dark = dark_lines[c].mean_at(level.exposure_s).value;
                 let variance = m.above(&darks[0].channels[c]);
