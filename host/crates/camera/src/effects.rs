@@ -16,6 +16,33 @@ pub enum AnyEffect {
     Optical(OpticalEffect),
 }
 
+impl AnyEffect {
+    /// The effect of a kind with values in the order of its declaration. `None` for an unknown kind
+    /// and for values that are out of range or do not fit together.
+    pub fn new(kind: &str, values: &[f32]) -> Option<Self> {
+        match Effect::CATALOGUE.iter().find(|e| e.kind == kind) {
+            Some(entry) => Effect::new(entry.id, values).map(Self::Sensor),
+            None => OpticalEffect::new(kind, values).map(Self::Optical),
+        }
+    }
+
+    /// Its name in camera files.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Sensor(effect) => effect.entry().kind,
+            Self::Optical(effect) => effect.entry().kind,
+        }
+    }
+
+    /// Its values in the order of the declaration.
+    pub fn values(&self) -> Vec<f32> {
+        match self {
+            Self::Sensor(effect) => effect.values().to_vec(),
+            Self::Optical(effect) => effect.values().to_vec(),
+        }
+    }
+}
+
 /// An entry of the complete catalogue, optics and sensor.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
@@ -105,10 +132,6 @@ pub(crate) fn read_effect(table: &toml::Table) -> Result<AnyEffect> {
     let values: Result<Vec<f32>> =
         entry.parameters.iter().map(|p| number(table, kind, p)).collect();
     let values = values?;
-    let sensor = Effect::CATALOGUE.iter().find(|e| e.kind == kind);
-    let effect = match sensor.and_then(|e| Effect::new(e.id, &values)) {
-        Some(effect) => Some(AnyEffect::Sensor(effect)),
-        None => OpticalEffect::new(kind, &values).map(AnyEffect::Optical),
-    };
-    effect.ok_or_else(|| Error::input(format!("values of {kind:?} do not fit together")))
+    AnyEffect::new(kind, &values)
+        .ok_or_else(|| Error::input(format!("values of {kind:?} do not fit together")))
 }

@@ -28,20 +28,35 @@ pub struct Series {
     pub analog_gain: f64,
     /// Exposure times, s.
     pub exposures_s: Vec<f64>,
-    /// Letter (`?` where unknown) and rate, DN/s, of each position of the pattern, row by row;
-    /// `None` where every pixel of a position is saturated at every exposure.
-    pub positions: Vec<(char, Option<f64>)>,
+    /// The positions of the pattern, row by row.
+    pub positions: Vec<Position>,
     /// The rates relative to the largest.
     pub ratios: Vec<Option<f64>>,
     /// Remarks for the reader, such as clipped darks.
     pub notes: Vec<String>,
 }
 
+/// A position of the colour filter pattern. In JSON, a pair of letter and rate.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(into = "(char, Option<f64>)")]
+pub struct Position {
+    /// Letter of its filter; `?` where unknown.
+    pub letter: char,
+    /// Rate, DN/s; `None` where every pixel is saturated at every exposure.
+    pub rate_dn_per_s: Option<f64>,
+}
+
+impl From<Position> for (char, Option<f64>) {
+    fn from(p: Position) -> Self {
+        (p.letter, p.rate_dn_per_s)
+    }
+}
+
 impl fmt::Display for Series {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let positions = self.positions.iter().zip(&self.ratios);
         let text: Vec<String> = positions
-            .map(|((letter, rate), ratio)| match (rate, ratio) {
+            .map(|(Position { letter, rate_dn_per_s }, ratio)| match (rate_dn_per_s, ratio) {
                 (Some(rate), Some(ratio)) => format!("{letter} {rate:.2} DN/s ({ratio:.4})"),
                 (Some(rate), None) => format!("{letter} {rate:.2} DN/s"),
                 (None, _) => format!("{letter} saturated"),
@@ -107,7 +122,8 @@ fn series(set: &CaptureSet, mut captures: Vec<&Capture>) -> Result<Series> {
         let all: Vec<Option<f64>> = pixels.map(|(x, y)| rates[y * set.sensor.width + x]).collect();
         let known: Vec<f64> = all.iter().copied().flatten().collect();
         let mean = known.iter().sum::<f64>() / known.len() as f64;
-        positions.push((letter, (!known.is_empty()).then_some(mean)));
+        let rate_dn_per_s = (!known.is_empty()).then_some(mean);
+        positions.push(Position { letter, rate_dn_per_s });
         let what = format!(
             "{}, {letter} at column {}, row {} of the pattern",
             name(role, light.as_ref()),
@@ -116,14 +132,15 @@ fn series(set: &CaptureSet, mut captures: Vec<&Capture>) -> Result<Series> {
         );
         notes.extend(saturation_note(&what, all.len() - known.len(), all.len()));
     }
-    let largest = positions.iter().filter_map(|p| p.1).reduce(f64::max).filter(|r| *r > 0.0);
+    let rates = || positions.iter().map(|p| p.rate_dn_per_s);
+    let largest = rates().flatten().reduce(f64::max).filter(|r| *r > 0.0);
     Ok(Series {
         role,
         wavelength_nm: light.as_ref().and_then(|l| l.wavelength_nm),
         light,
         analog_gain: captures[0].analog_gain,
         exposures_s: captures.iter().map(|c| c.exposure_s).collect(),
-        ratios: positions.iter().map(|p| Some(p.1? / largest?)).collect(),
+        ratios: rates().map(|rate| Some(rate? / largest?)).collect(),
         positions,
         notes,
     })
@@ -293,7 +310,7 @@ mod tests {
         let series = of("cfa = \"RGGB\"", &[DARK, ("a", "role = \"flat\"", light)]);
         let series = &series[0];
         let rates: Vec<Option<i64>> =
-            series.positions.iter().map(|p| p.1.map(|rate| rate.round() as i64)).collect();
+            series.positions.iter().map(|p| p.rate_dn_per_s.map(|r| r.round() as i64)).collect();
         assert_eq!(rates, [Some(200_000), None, None, Some(150_000)]);
         assert_eq!(series.ratios, [Some(1.0), None, None, Some(0.75)]);
         assert_eq!(series.notes.len(), 3, "{:?}", series.notes);
@@ -308,7 +325,8 @@ mod tests {
         let flat = |light: &str| format!("role = \"flat\"\nlight = {{ {light}, lux = 100.0 }}");
         let (a, d65) = (flat("illuminant = \"A\""), flat("illuminant = \"D65\""));
         let series = of("", &[DARK, ("A", &a, |_, _| 564), ("D", &d65, |_, _| 3064)]);
-        let rates: Vec<f64> = series.iter().map(|s| s.positions[0].1.unwrap().round()).collect();
+        let rates: Vec<f64> =
+            series.iter().map(|s| s.positions[0].rate_dn_per_s.unwrap().round()).collect();
         assert_eq!(rates, [50_000.0, 300_000.0]);
         assert!(series[0].to_string().starts_with("Flat, A, 100 lx: ?"), "{}", series[0]);
     }
@@ -316,7 +334,7 @@ mod tests {
     #[test]
     fn use_of_the_nominal_black_level_is_noted() {
         let series = of("black_level_dn = 64", &[("a", "role = \"flat\"", |_, _| 1064)]);
-        assert_eq!(series[0].positions[0].1.map(f64::round), Some(100_000.0));
+        assert_eq!(series[0].positions[0].rate_dn_per_s.map(f64::round), Some(100_000.0));
         let notes = series[0].notes.join("\n");
         assert!(notes.contains("no dark of 0.01 s at analog gain 1: black_level_dn"), "{notes}");
     }

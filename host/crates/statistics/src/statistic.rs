@@ -218,6 +218,21 @@ impl Figure {
 }
 
 impl What {
+    /// Whether it shows how the noise of a stack differs from pixel to pixel.
+    pub fn is_of_single_pixels(self) -> bool {
+        matches!(
+            self,
+            Self::Spread
+                | Self::NoisyPixels
+                | Self::NoiseSlope(_)
+                | Self::NoiseBlocks
+                | Self::Skewness
+                | Self::Kurtosis
+                | Self::TopKurtosis
+                | Self::TopTimeLag
+        )
+    }
+
     /// Whether the standard deviation of the measured value counts in addition to that of
     /// replicates: an outlier in a patch is a chance event, which the patch's kurtosis shows.
     pub fn has_own_uncertainty(self) -> bool {

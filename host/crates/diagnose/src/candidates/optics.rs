@@ -23,10 +23,9 @@ use crate::evidence::{Estimated, Evidence, Slope};
 use crate::model::effects;
 use crate::statistics::shading;
 use crate::statistics::statistic::{Key, Place, Statistic};
-use camrig_camera::OpticalEffect;
-use camrig_camera::{Camera, LensKind};
+use camrig_camera::{AnyEffect, Camera, LensKind};
 use camrig_linear::{LeastSquares, Matrix, Vector, inverse, quadratic};
-use camrig_sensor_core::effects::{Effect, Parameter};
+use camrig_sensor_core::effects::Parameter;
 
 /// A parameter that is estimated.
 struct Free {
@@ -209,17 +208,12 @@ fn proposal(
     p.of_targets = !columns[..own].iter().any(|c| c.in_maps);
     p.parameters = parameters;
     for k in std::iter::once(kind).chain(e.named.iter().copied().filter(|k| *k != kind)) {
-        let (sensor, optical) = (&mut p.effects, &mut p.optical);
-        match in_camera(&camera, k)? {
-            InCamera::Sensor(effect) if k == kind => sensor.push(effect),
-            InCamera::Optical(effect) if k == kind => optical.push(effect),
-            InCamera::Sensor(effect) => p.revised.0.push(effect),
-            InCamera::Optical(effect) => p.revised.1.push(effect),
-        }
+        let effects = if k == kind { &mut p.effects } else { &mut p.revised };
+        effects.push(effects::of_camera(&camera, k)?);
     }
     if !p.of_targets {
         let mean = mean_shading(&camera)? / mean_shading(e.camera)?;
-        p.revised.0.extend(response::efficiency_beside(e, mean));
+        p.revised.extend(response::efficiency_beside(e, mean));
     }
     Some(p)
 }
@@ -235,20 +229,6 @@ fn mean_shading(camera: &Camera) -> Option<f64> {
     let common = value(camera, "relative-illumination", "corner");
     let mean = (1.0 + common / 3.0) * (1.0 + by_channel / 3.0);
     (mean > 0.0).then_some(mean)
-}
-
-/// An effect of a camera, by kind.
-enum InCamera {
-    Sensor(Effect),
-    Optical(OpticalEffect),
-}
-
-/// The effect of a kind in a camera.
-fn in_camera(camera: &Camera, kind: &str) -> Option<InCamera> {
-    let optical = camera.optical_effects.iter().find(|o| o.entry().kind == kind);
-    optical
-        .map(|o| InCamera::Optical(o.clone()))
-        .or_else(|| effects::current(camera, kind).map(InCamera::Sensor))
 }
 
 impl Residual {
@@ -429,58 +409,42 @@ fn moved(camera: &Camera, kind: &str, key: &str, change: Estimated) -> Option<Es
         let shift = square.sqrt() * if present < 0.0 { -1.0 } else { 1.0 };
         return Some(Estimated { value: shift, se: change.se / (2.0 * shift.abs()) });
     }
-    let range = declared(kind).iter().find(|p| p.key == key)?;
+    let range = effects::declared(kind).iter().find(|p| p.key == key)?;
     let value = (present + change.value).clamp(f64::from(range.min), f64::from(range.max));
     Some(Estimated { value, se: change.se })
-}
-
-/// The declared parameters of a kind.
-fn declared(kind: &str) -> &'static [Parameter] {
-    let optical = OpticalEffect::CATALOGUE.iter().find(|c| c.kind == kind);
-    let sensor = Effect::CATALOGUE.iter().find(|c| c.kind == kind);
-    optical.map(|c| c.parameters).or(sensor.map(|c| c.parameters)).unwrap_or_default()
 }
 
 /// Values of a kind's parameters in a camera, in the order of the declaration; without the effect
 /// those that do nothing.
 fn values(camera: &Camera, kind: &str) -> Vec<f32> {
-    if let Some(effect) = camera.optical_effects.iter().find(|o| o.entry().kind == kind) {
-        return effect.values().to_vec();
-    }
-    if let Some(effect) = effects::current(camera, kind) {
-        return effect.values().to_vec();
+    if let Some(effect) = effects::of_camera(camera, kind) {
+        return effect.values();
     }
     let neutral = |key: &str| {
         let free = KINDS.iter().find(|k| k.0 == kind).map_or(&[][..], |k| k.1);
         free.iter().find(|f| f.key == key).map(|f| f.neutral as f32)
     };
     let of = |p: &Parameter| neutral(p.key).or(p.default).unwrap_or(0.0);
-    declared(kind).iter().map(of).collect()
+    effects::declared(kind).iter().map(of).collect()
 }
 
 /// Value of a parameter in a camera; without the effect that which does nothing.
 fn value(camera: &Camera, kind: &str, key: &str) -> f64 {
-    let index = declared(kind).iter().position(|p| p.key == key);
+    let index = effects::declared(kind).iter().position(|p| p.key == key);
     index.and_then(|i| values(camera, kind).get(i).copied()).map_or(0.0, f64::from)
 }
 
 /// The camera with another value of a parameter. `None` out of its range.
 fn with(camera: &Camera, kind: &str, key: &str, value: f64) -> Option<Camera> {
     let mut values = values(camera, kind);
-    for (v, p) in values.iter_mut().zip(declared(kind)) {
+    for (v, p) in values.iter_mut().zip(effects::declared(kind)) {
         // Crosstalk to vertical neighbours is assumed equal to that to horizontal ones.
         if p.key == key || (kind == "optical-crosstalk" && p.key == "vertical") {
             *v = value as f32;
         }
     }
     let mut out = camera.clone();
-    match OpticalEffect::new(kind, &values) {
-        Some(effect) => effects::put_optical(&mut out, effect),
-        None => {
-            let id = Effect::CATALOGUE.iter().find(|c| c.kind == kind)?.id;
-            effects::put(&mut out, Effect::new(id, &values)?);
-        }
-    }
+    effects::put(&mut out, &AnyEffect::new(kind, &values)?);
     Some(out)
 }
 

@@ -3,8 +3,7 @@
 
 use crate::evidence::Estimated;
 use crate::model::effects;
-use camrig_camera::Camera;
-use camrig_camera::OpticalEffect;
+use camrig_camera::{AnyEffect, Camera};
 use camrig_sensor_core::effects::{Effect, Parameter};
 
 /// Significance, standard errors, from which a candidate is simulated, and that a named effect
@@ -17,13 +16,10 @@ pub const MIN_STRENGTH: f64 = 4.0;
 pub struct Proposal {
     /// Name of the effect in the catalogue.
     pub kind: &'static str,
-    /// Effects of the sensor that are put into the model.
-    pub effects: Vec<Effect>,
-    /// Effects of the optics that are put into the model.
-    pub optical: Vec<OpticalEffect>,
-    /// New values of effects named earlier, whose parameters had absorbed part of this one: of the
-    /// sensor and of the optics.
-    pub revised: (Vec<Effect>, Vec<OpticalEffect>),
+    /// Effects that are put into the model.
+    pub effects: Vec<AnyEffect>,
+    /// New values of effects named earlier, whose parameters had absorbed part of this one.
+    pub revised: Vec<AnyEffect>,
     /// Whether the estimate comes from captures of targets (edges, dots, charts) rather than from
     /// dark and flat stacks.
     pub of_targets: bool,
@@ -57,7 +53,8 @@ impl Proposal {
 
     /// One effect of the sensor, estimated from dark and flat stacks, without its parameters yet.
     pub(crate) fn new(kind: &'static str, effect: Effect, strength: f64) -> Self {
-        Self { effects: vec![effect], of_targets: false, ..Self::from_targets(kind, strength) }
+        let effects = vec![AnyEffect::Sensor(effect)];
+        Self { effects, of_targets: false, ..Self::from_targets(kind, strength) }
     }
 
     /// A kind estimated from captures of targets, without its effects yet.
@@ -65,8 +62,7 @@ impl Proposal {
         Self {
             kind,
             effects: Vec::new(),
-            optical: Vec::new(),
-            revised: (Vec::new(), Vec::new()),
+            revised: Vec::new(),
             of_targets: true,
             beside: false,
             parameters: Vec::new(),
@@ -82,24 +78,18 @@ impl Proposal {
 
     /// The same with another effect of the sensor.
     pub(super) fn and(mut self, effect: Effect) -> Self {
-        self.effects.push(effect);
+        self.effects.push(AnyEffect::Sensor(effect));
         self
     }
 
     /// The camera with this change.
     pub fn applied(&self, camera: &Camera) -> Camera {
         let mut camera = camera.clone();
-        for effect in &self.revised.0 {
-            effects::put(&mut camera, *effect);
-        }
-        for effect in self.revised.1.iter().chain(&self.optical) {
-            effects::put_optical(&mut camera, effect.clone());
-        }
+        self.revised.iter().for_each(|effect| effects::put(&mut camera, effect));
         for effect in &self.effects {
-            if self.beside {
-                effects::add(&mut camera, *effect);
-            } else {
-                effects::put(&mut camera, *effect);
+            match effect {
+                AnyEffect::Sensor(effect) if self.beside => effects::add(&mut camera, *effect),
+                _ => effects::put(&mut camera, effect),
             }
         }
         camera
@@ -107,25 +97,12 @@ impl Proposal {
 
     /// Adds this to the named effects and gives those that it revises their new values.
     pub fn join(mut self, named: &mut Vec<Proposal>) {
-        for p in named.iter_mut() {
-            for new in self.revised.0.drain(..).collect::<Vec<_>>() {
-                if new.entry().kind == p.kind {
-                    p.take_values(new.entry().parameters, &new.values());
-                    p.effects = vec![new];
-                } else {
-                    self.revised.0.push(new);
-                }
-            }
-            for new in self.revised.1.drain(..).collect::<Vec<_>>() {
-                if new.entry().kind == p.kind {
-                    p.take_values(new.entry().parameters, new.values());
-                    p.optical = vec![new];
-                } else {
-                    self.revised.1.push(new);
-                }
+        for new in std::mem::take(&mut self.revised) {
+            if let Some(p) = named.iter_mut().find(|p| p.kind == new.kind()) {
+                p.take_values(&new);
+                p.effects = vec![new];
             }
         }
-        self.revised = (Vec::new(), Vec::new());
         named.push(self);
     }
 
@@ -140,23 +117,19 @@ impl Proposal {
         Proposal { strength: self.strength, beside: self.beside, ..later }
     }
 
-    /// Gives the parameters the values of an effect, in the order of its declaration.
-    fn take_values(&mut self, declared: &[Parameter], values: &[f32]) {
-        for (key, parameter) in &mut self.parameters {
-            if let Some(at) = declared.iter().position(|d| d.key == *key) {
-                parameter.value = f64::from(values[at]);
-            }
+    /// Gives the parameters the values of an effect.
+    fn take_values(&mut self, effect: &AnyEffect) {
+        let declared = effects::declared(effect.kind()).iter().zip(effect.values());
+        for (declared, value) in declared {
+            let own = self.parameters.iter_mut().filter(|(key, _)| *key == declared.key);
+            own.for_each(|(_, parameter)| parameter.value = value.into());
         }
     }
 
     /// Whether every parameter is within the catalogue's range.
     pub(super) fn is_possible(&self) -> bool {
-        self.strength.is_finite()
-            && self
-                .effects
-                .iter()
-                .chain(&self.revised.0)
-                .all(|e| Effect::new(e.entry().id, &e.values()).is_some())
+        let in_range = |e: &AnyEffect| AnyEffect::new(e.kind(), &e.values()).is_some();
+        self.strength.is_finite() && self.effects.iter().chain(&self.revised).all(in_range)
     }
 }
 
@@ -174,7 +147,7 @@ pub(super) fn deviation(present: f64, excess: Estimated) -> Option<Estimated> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Estimated, Proposal};
+    use super::{AnyEffect, Estimated, Proposal};
     use camrig_sensor_core::effects::quantum_efficiency::QuantumEfficiency;
     use camrig_sensor_core::effects::relative_illumination::RelativeIllumination;
 
@@ -188,11 +161,11 @@ mod tests {
             RelativeIllumination { corner: -0.006 }.into(),
             9.0,
         );
-        shading.revised.0.push(efficiency(1.0013));
+        shading.revised.push(AnyEffect::Sensor(efficiency(1.0013)));
         shading.join(&mut named);
         let [efficiency, shading] = &named[..] else { panic!("{named:?}") };
         assert!((efficiency.parameters[0].1.value - 1.0013).abs() < 1e-7);
         assert!((efficiency.effects[0].values()[0] - 1.0013).abs() < 1e-7);
-        assert!(shading.revised.0.is_empty());
+        assert!(shading.revised.is_empty());
     }
 }

@@ -23,6 +23,7 @@ use crate::model::effects::current;
 use crate::numerics::minimise::minimum;
 use crate::statistics::maps::{MapKind, reference_dark};
 use crate::statistics::statistic::{Place, What};
+use camrig_camera::AnyEffect;
 use camrig_captures::Role;
 use camrig_linear::{Matrix, Singular, Vector, apply};
 use camrig_sensor_core::effects::{
@@ -176,8 +177,8 @@ fn present_efficiency(e: &Evidence<'_>) -> Option<f64> {
 }
 
 /// The effect with a quantum efficiency over that of the camera.
-fn with_efficiency(ratio: f64) -> Effect {
-    QuantumEfficiency { ratio: ratio as f32 }.into()
+fn with_efficiency(ratio: f64) -> AnyEffect {
+    AnyEffect::Sensor(QuantumEfficiency { ratio: ratio as f32 }.into())
 }
 
 /// `system-gain`: signal and noise larger than the model's alike, by means and by photon transfer.
@@ -194,7 +195,7 @@ pub fn system_gain(e: &Evidence<'_>) -> Option<Proposal> {
     let ratio = Estimated { value: present * (1.0 + f.value), se: present * f.se };
     let mut p = Proposal::of("system-gain", f.z().abs(), [("ratio", ratio)])?;
     if let (Some(efficiency), Some(mean)) = (efficiency, mean) {
-        p.revised.0.push(with_efficiency(efficiency * (1.0 + mean.value) / (1.0 + f.value)));
+        p.revised.push(with_efficiency(efficiency * (1.0 + mean.value) / (1.0 + f.value)));
     }
     Some(p)
 }
@@ -210,19 +211,20 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Option<Proposal> {
             let value = (1.0 + mean.value) / (1.0 + transfer.value) - 1.0;
             let ratio = gain * (1.0 + transfer.value);
             let se = libm::hypot(mean.se, transfer.se);
-            (Estimated { value, se }, vec![SystemGain { ratio: ratio as f32 }.into()])
+            let gain = AnyEffect::Sensor(SystemGain { ratio: ratio as f32 }.into());
+            (Estimated { value, se }, vec![gain])
         }
         None => (mean, Vec::new()),
     };
     let ratio = Estimated { value: present * (1.0 + f.value), se: present * f.se };
     let mut p = Proposal::of("quantum-efficiency", f.z().abs(), [("ratio", ratio)])?;
-    p.revised.0 = revised;
+    p.revised = revised;
     Some(p)
 }
 
 /// The quantum efficiency, where the model has one of its own, beside an effect that multiplies
 /// the means of flats by `factor`.
-pub fn efficiency_beside(e: &Evidence<'_>, factor: f64) -> Option<Effect> {
+pub fn efficiency_beside(e: &Evidence<'_>, factor: f64) -> Option<AnyEffect> {
     Some(with_efficiency(present_efficiency(e)? * (1.0 + common_factor(e)?.value) / factor))
 }
 
@@ -316,7 +318,7 @@ fn with_scale(e: &Evidence<'_>, points: &[(f64, Estimated)], free: bool) -> Opti
     let exponent = Estimated { value: exponent, ..fit.values[1] };
     let law = [("loss", loss), ("exponent", exponent)];
     let mut p = Proposal::of("nonlinearity", fit.fell.sqrt(), law)?;
-    p.revised.0.extend(present_efficiency(e).map(|r| with_efficiency(r * (1.0 + fit.scale))));
+    p.revised.extend(present_efficiency(e).map(|r| with_efficiency(r * (1.0 + fit.scale))));
     Some(p)
 }
 

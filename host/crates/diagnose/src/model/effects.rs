@@ -1,17 +1,43 @@
 //! The effects of a camera under diagnosis: which it has, and how one is put into it.
 
-use camrig_camera::Camera;
-use camrig_camera::OpticalEffect;
-use camrig_sensor_core::effects::Effect;
+use camrig_camera::{AnyEffect, Camera, EffectKind};
+use camrig_sensor_core::effects::{Effect, Parameter};
+
+/// The effect of a kind that a camera has; of several the first.
+pub fn of_camera(camera: &Camera, kind: &str) -> Option<AnyEffect> {
+    let optical = camera.optical_effects.iter().find(|o| o.entry().kind == kind);
+    let optical = optical.map(|o| AnyEffect::Optical(o.clone()));
+    optical.or_else(|| current(camera, kind).map(AnyEffect::Sensor))
+}
+
+/// The parameters that a kind declares.
+pub fn declared(kind: &str) -> &'static [Parameter] {
+    EffectKind::all().find(|e| e.kind == kind).map_or(&[], |e| e.parameters)
+}
+
+/// Puts an effect into a camera, in place of one of its kind.
+pub fn put(camera: &mut Camera, effect: &AnyEffect) {
+    match effect {
+        AnyEffect::Sensor(effect) => put_sensor(camera, *effect),
+        AnyEffect::Optical(effect) => {
+            let kind = effect.entry().kind;
+            match camera.optical_effects.iter_mut().find(|e| e.entry().kind == kind) {
+                Some(e) => e.clone_from(effect),
+                None => camera.optical_effects.push(effect.clone()),
+            }
+        }
+    }
+}
 
 /// The effect of a kind in a camera's chain; of several the first.
 pub fn current(camera: &Camera, kind: &str) -> Option<Effect> {
     camera.chain().into_iter().find(|e| e.entry().kind == kind)
 }
 
-/// Puts an effect into a camera, in place of one of its kind. Effects of the base model set the
-/// camera's noise figures; what the camera file lists beyond the base model keeps its place.
-pub fn put(camera: &mut Camera, effect: Effect) {
+/// Puts an effect of the sensor into a camera, in place of one of its kind. Effects of the base
+/// model set the camera's noise figures; what the camera file lists beyond the base model keeps its
+/// place.
+fn put_sensor(camera: &mut Camera, effect: Effect) {
     let noise = &mut camera.sensor.noise;
     match effect {
         Effect::ReadNoise(e) => {
@@ -33,15 +59,6 @@ pub fn put(camera: &mut Camera, effect: Effect) {
                 None => add(camera, effect),
             }
         }
-    }
-}
-
-/// Puts an effect of the optics into a camera, in place of one of its kind.
-pub fn put_optical(camera: &mut Camera, effect: OpticalEffect) {
-    let kind = effect.entry().kind;
-    match camera.optical_effects.iter_mut().find(|e| e.entry().kind == kind) {
-        Some(e) => *e = effect,
-        None => camera.optical_effects.push(effect),
     }
 }
 

@@ -3,8 +3,8 @@
 
 use super::chance::stands_out;
 use super::estimate::{estimates, fitted, propose, refit};
-use super::evaluation::{Evaluation, Model, RUNS, RUNS_ON_THE_WAY};
-use super::forward::{Selection, Step};
+use super::evaluation::{Deviation, Evaluation, Model, RUNS, RUNS_ON_THE_WAY};
+use super::forward::{Rivals, Selection, Step};
 use super::trial::{EVIDENCE_IN_ALL, TRIAL_RUNS};
 use crate::candidates::proposal::{MIN_STRENGTH, Proposal, with_all};
 use crate::measured::Measured;
@@ -43,8 +43,8 @@ pub(super) struct Elimination {
     pub model: Evaluation,
     /// Effects that are kept, in the order in which they were found.
     pub steps: Vec<Step>,
-    /// Pairs of kinds that the captures cannot distinguish, of which the first is kept.
-    pub confounded: Vec<(String, String)>,
+    /// Kinds that the captures cannot distinguish, of which the one taken is kept.
+    pub confounded: Vec<Rivals>,
     /// Kinds that came nearest, but leave too much unexplained to be named.
     pub nearest: Vec<String>,
 }
@@ -76,7 +76,7 @@ pub(super) fn eliminate(
     }
     // Neither an effect that was removed nor a rival that is also named is ambiguous.
     let named = |kind: &String| steps.iter().any(|s| s.trial.proposal.kind == kind);
-    confounded.retain(|(taken, rival)| named(taken) && !named(rival));
+    confounded.retain(|pair| named(&pair.taken) && !named(&pair.rival));
     Ok(Elimination { model, steps, confounded, nearest })
 }
 
@@ -179,7 +179,7 @@ fn drop_misfits(
             let same_map = |k: &Key| k.0 == key.0 && matches!(k.0, Place::Map(_));
             step.touches.iter().any(|k| k == key || same_map(k))
         };
-        let left: f64 = gross.iter().filter(|(k, _)| near(k)).map(|(_, z)| bounded(*z)).sum();
+        let left: f64 = gross.iter().filter(|d| near(&d.key)).map(|d| bounded(d.z)).sum();
         let keep = left < MAX_GROSS * step.trial.evidence;
         if !keep {
             nearest.push(step.trial.proposal.kind.to_string());
@@ -200,7 +200,7 @@ fn drop_misfits(
 }
 
 /// Gross deviations that a model leaves in both halves.
-fn gross_deviations(measured: &Measured, model: &Evaluation) -> Vec<(Key, f64)> {
+fn gross_deviations(measured: &Measured, model: &Evaluation) -> Vec<Deviation> {
     // The shape of a map's distribution is reported, but removes no effect.
     let shape = |(place, what): &Key| {
         matches!((place, what), (Place::Map(_), What::Skewness | What::Kurtosis))
@@ -212,6 +212,6 @@ fn gross_deviations(measured: &Measured, model: &Evaluation) -> Vec<(Key, f64)> 
         let halves = [fit.get(key), measured.held_out(*key).and_then(|key| holdout.get(&key))];
         halves.into_iter().flatten().all(|z| z.abs() > GROSS_DEVIATION * FRAC_1_SQRT_2)
     };
-    let gross = |(key, z): &&(Key, f64)| z.abs() > GROSS_DEVIATION && in_each(key) && !shape(key);
+    let gross = |d: &&Deviation| d.z.abs() > GROSS_DEVIATION && in_each(&d.key) && !shape(&d.key);
     model.unexplained.iter().filter(gross).copied().collect()
 }

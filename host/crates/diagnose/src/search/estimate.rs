@@ -10,7 +10,7 @@ use crate::statistics::battery::battery;
 use crate::statistics::maps::maps;
 use crate::statistics::statistic::by_key;
 use camrig_base::Result;
-use camrig_camera::Camera;
+use camrig_camera::{AnyEffect, Camera};
 
 /// Rounds of estimates of several names, which depend on each other; a single name was settled
 /// when it was tried.
@@ -79,7 +79,7 @@ pub(super) fn refit(measured: &Measured, mut model: Evaluation) -> Result<Evalua
         for p in &mut named {
             if let Some(next) = all.iter().find(|a| estimates(a, p)) {
                 // Each name gets its own new values; those that it would revise are named too.
-                *p = Proposal { revised: Default::default(), ..p.updated(next.clone()) };
+                *p = Proposal { revised: Vec::new(), ..p.updated(next.clone()) };
                 moved = true;
             }
         }
@@ -117,7 +117,9 @@ pub(super) fn without_added(model: &Evaluation) -> Camera {
     let mut camera = model.camera.clone();
     for p in model.named.iter().filter(|p| p.beside) {
         for effect in &p.effects {
-            if let Some(at) = camera.effects.iter().position(|x| x == effect) {
+            if let AnyEffect::Sensor(effect) = effect
+                && let Some(at) = camera.effects.iter().position(|x| x == effect)
+            {
                 camera.effects.remove(at);
             }
         }

@@ -55,9 +55,18 @@ pub struct Evaluation {
     pub deviances: [f64; 2],
     /// Deviations of the frames to fit, and of the held-out frames, standard deviations.
     pub deviations: [BTreeMap<Key, f64>; 2],
-    /// Statistics that it leaves unexplained, the furthest first, with the deviation of both
-    /// halves together, or of the one that has such a stack, standard deviations.
-    pub unexplained: Vec<(Key, f64)>,
+    /// Statistics that it leaves unexplained, the furthest first.
+    pub unexplained: Vec<Deviation>,
+}
+
+/// How far a statistic is from a model.
+#[derive(Clone, Copy, Debug)]
+pub struct Deviation {
+    /// Its name.
+    pub key: Key,
+    /// Deviation of both halves together, or of the one that has such a stack, standard
+    /// deviations.
+    pub z: f64,
 }
 
 /// Mean square deviation of a replicate from the others: what the gap is measured in.
@@ -173,20 +182,20 @@ fn unexplained(
     measured: &Measured,
     [fit, holdout]: &[BTreeMap<Key, f64>; 2],
     as_given: bool,
-) -> Vec<(Key, f64)> {
+) -> Vec<Deviation> {
     let limit = if as_given { UNEXPLAINED_AS_GIVEN } else { UNEXPLAINED_WITH_EFFECTS };
-    let mut out: Vec<(Key, f64)> = fit
+    let mut out: Vec<Deviation> = fit
         .iter()
         .filter_map(|(k, a)| {
             let Some(b) = measured.held_out(*k).and_then(|key| holdout.get(&key)) else {
-                return (a.abs() > limit).then_some((*k, *a));
+                return (a.abs() > limit).then_some(Deviation { key: *k, z: *a });
             };
             let same_side = a.signum() == b.signum() && b.abs() > UNEXPLAINED_IN_EACH;
             let both = (a + b) / if shares_pattern(k.0) { 2.0 } else { std::f64::consts::SQRT_2 };
-            (same_side && both.abs() > limit).then_some((*k, both))
+            (same_side && both.abs() > limit).then_some(Deviation { key: *k, z: both })
         })
         .collect();
-    out.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    out.sort_by(|a, b| b.z.abs().total_cmp(&a.z.abs()));
     out
 }
 

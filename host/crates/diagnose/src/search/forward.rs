@@ -83,14 +83,23 @@ pub struct Moved {
     pub after: f64,
 }
 
+/// Kinds that the captures cannot distinguish.
+#[derive(Clone, Debug)]
+pub struct Rivals {
+    /// The one that was added.
+    pub taken: String,
+    /// The one that explains as much.
+    pub rival: String,
+}
+
 /// Effects that were selected, and the model with them.
 pub struct Selection {
     /// The model.
     pub model: Evaluation,
     /// Effects in the order in which they were found.
     pub steps: Vec<Step>,
-    /// Kinds that the captures cannot distinguish: one that was added, and its rival.
-    pub confounded: Vec<(String, String)>,
+    /// Kinds that the captures cannot distinguish.
+    pub confounded: Vec<Rivals>,
 }
 
 /// Adds the best candidate of each round until none is significant. `wanted` is whether a kind may
@@ -113,8 +122,8 @@ pub(super) fn select(
         };
         let others = others(&best, settled, trials);
         if let Some(rival) = others.first().filter(|r| is_rival(&best, r)) {
-            let names = [&best, rival].map(|t| t.proposal.kind.to_string());
-            selection.confounded.push(names.into());
+            let [taken, rival] = [&best, rival].map(|t| t.proposal.kind.to_string());
+            selection.confounded.push(Rivals { taken, rival });
         }
         selection.steps.push(step(&measured.holdout, model, &next, best, others));
         selection.model = next;

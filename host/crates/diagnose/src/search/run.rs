@@ -4,7 +4,7 @@
 use super::backward::{self, FEW_EFFECTS, REESTIMATED_EFFECTS};
 use super::estimate::fitted;
 use super::evaluation::{Evaluation, RUNS, RUNS_ON_THE_WAY};
-use super::forward::{self, Step};
+use super::forward::{self, Rivals, Step};
 use super::standard_errors::settle_parameters;
 use super::trial::Trial;
 use crate::candidates::proposal::with_all;
@@ -29,8 +29,8 @@ pub struct Outcome {
     pub steps: Vec<Step>,
     /// Kinds that came nearest where none explains enough.
     pub nearest: Vec<String>,
-    /// Kinds that the captures cannot distinguish: one that was named, and its rival.
-    pub confounded: Vec<(String, String)>,
+    /// Kinds that the captures cannot distinguish, of which one was named.
+    pub confounded: Vec<Rivals>,
     /// The kind that was named first, where a search that begins without it explains more.
     pub superseded: Option<String>,
     /// What no effect of the catalogue describes: subtracted from what was measured before the

@@ -17,8 +17,8 @@ use crate::measured::{Half, Measured};
 use crate::model::prediction::Prediction;
 use crate::numerics::tails;
 use camrig_base::Result;
+use camrig_camera::AnyEffect;
 use camrig_linear::moments;
-use camrig_sensor_core::effects::Effect;
 use rayon::prelude::*;
 
 /// Replicates of both halves that are estimated from: their scatter is known to 27 %, which
@@ -129,7 +129,7 @@ fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
     }
     for (x, y) in mean.effects.iter_mut().zip(&b.effects) {
         let of = std::iter::zip(x.values(), y.values()).map(|(x, y)| (x + y) / 2.0);
-        *x = Effect::new(x.entry().id, &of.collect::<Vec<_>>())?;
+        *x = AnyEffect::new(x.kind(), &of.collect::<Vec<_>>())?;
     }
     Some(mean)
 }

@@ -14,7 +14,7 @@ use crate::finding::{Finding, number};
 use crate::numerics::minimise::lowest;
 use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
-use crate::statistics::statistic::{Key, Place, What};
+use crate::statistics::statistic::{Key, Place};
 use crate::statistics::temporal::{Temporal, mean};
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Law, Table};
@@ -215,18 +215,8 @@ impl Shape for DarkLaw {
             // Pixels with more dark charge have more shot noise.
             Place::Stack(i) => {
                 let stack = &design.conditions[*i].stack;
-                let by_pixel = matches!(
-                    what,
-                    What::Spread
-                        | What::NoisyPixels
-                        | What::NoiseSlope(_)
-                        | What::NoiseBlocks
-                        | What::Skewness
-                        | What::Kurtosis
-                        | What::TopKurtosis
-                        | What::TopTimeLag
-                );
-                stack.role == Role::Dark && stack.exposure_s > self.shortest_s && by_pixel
+                let longer = stack.role == Role::Dark && stack.exposure_s > self.shortest_s;
+                longer && what.is_of_single_pixels()
             }
             _ => false,
         }

@@ -8,7 +8,7 @@
 use super::lines::Lines;
 use super::seen::Seen;
 use super::stage;
-use super::view::{View, gain};
+use super::view::{IN_THE_DARK, View, gain};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
 use crate::evidence::Estimated;
@@ -298,25 +298,14 @@ impl Shape for Droop {
                 matches!(what, What::ColumnVariance | What::ColumnPeak | What::ColumnSlow)
             }
         };
-        let pixels = matches!(
+        let together = matches!(
             what,
-            What::Covariance(_)
-                | What::BlockVariance
-                | What::PlanePeak
-                | What::Spread
-                | What::NoisyPixels
-                | What::NoiseSlope(_)
-                | What::NoiseBlocks
-                | What::Skewness
-                | What::Kurtosis
-                | What::TopKurtosis
-                | What::TopTimeLag
-                | What::FrameVariance
+            What::Covariance(_) | What::BlockVariance | What::PlanePeak | What::FrameVariance
         );
         match place {
-            Place::Stack(_) => lines || pixels,
+            Place::Stack(_) => lines || together || what.is_of_single_pixels(),
             // Its residual in the mean of the frames.
-            Place::Map(kind) => super::view::IN_THE_DARK.contains(kind),
+            Place::Map(kind) => IN_THE_DARK.contains(kind),
             _ => false,
         }
     }

@@ -50,7 +50,8 @@ pub(super) fn tie_breaker(a: &str, b: &str) -> &'static str {
 /// Name of the built-in plan with captures that would distinguish them.
 pub fn next_plan(outcome: &Outcome) -> &'static str {
     let of_targets = |kind: &String| candidates::shown_by_targets(kind);
-    match outcome.confounded.iter().any(|(a, b)| of_targets(a) || of_targets(b)) {
+    match outcome.confounded.iter().any(|pair| of_targets(&pair.taken) || of_targets(&pair.rival))
+    {
         true => "optics",
         false => "diagnosis",
     }

@@ -11,7 +11,7 @@ use crate::report::{
     Ambiguity, Compared, Comparison, EMPIRICAL, FORMAT, Form, Parameter, Report, RunnerUp, Status,
     Step, Unexplained, Verdict,
 };
-use crate::search::forward::{self, Moved};
+use crate::search::forward::{self, Moved, Rivals};
 use crate::search::{Evaluation, Outcome};
 use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::numbers::counted;
@@ -41,7 +41,7 @@ pub fn report(measured: &Measured, outcome: &Outcome) -> Report {
     let verdict = judge(measured, outcome);
     // The model with an effect that has a rival passes, but the model with the rival may pass too.
     let confounded = |kind: &str| {
-        outcome.confounded.iter().any(|(taken, _)| taken == kind)
+        outcome.confounded.iter().any(|pair| pair.taken == kind)
             || (kind == DARK_CURRENT && unknown_temperature(measured))
     };
     let start_up_alone = outcome.shapes.iter().all(|s| s.form == Form::FrameCurve);
@@ -53,7 +53,7 @@ pub fn report(measured: &Measured, outcome: &Outcome) -> Report {
     };
     let unexplained = outcome.after.unexplained.iter().take(UNEXPLAINED);
     Report {
-        ambiguous: outcome.confounded.iter().map(|(a, b)| ambiguity(a, b)).collect(),
+        ambiguous: outcome.confounded.iter().map(ambiguity).collect(),
         format: FORMAT.into(),
         gap_after: outcome.after.gap,
         gap_before: outcome.before.gap,
@@ -68,9 +68,7 @@ pub fn report(measured: &Measured, outcome: &Outcome) -> Report {
         statistics: outcome.after.fit.of.len(),
         steps: steps(measured, outcome, &status),
         superseded: outcome.superseded.clone(),
-        unexplained: unexplained
-            .map(|(key, z)| left(measured, &outcome.after, *key, *z))
-            .collect(),
+        unexplained: unexplained.map(|d| left(measured, &outcome.after, d.key, d.z)).collect(),
         verdict,
     }
 }
@@ -119,10 +117,10 @@ fn below_quantisation(measured: &Measured, model: &Evaluation) -> Option<String>
     })
 }
 
-fn ambiguity(a: &str, b: &str) -> Ambiguity {
+fn ambiguity(Rivals { taken, rival }: &Rivals) -> Ambiguity {
     Ambiguity {
-        effects: [a.into(), b.into()],
-        tie_breaker: format!("{}; plan in next-captures.toml", tie_breaker(a, b)),
+        effects: [taken.clone(), rival.clone()],
+        tie_breaker: format!("{}; plan in next-captures.toml", tie_breaker(taken, rival)),
     }
 }
 

@@ -19,15 +19,12 @@ pub(super) fn describe(measured: &Measured, model: &Evaluation, key: Key, z: f64
     let more = if z > 0.0 { "more" } else { "less" };
     let condition = |i: usize| measured.fit.design.conditions.get(i);
     let gain = |i| condition(i).map_or(1.0, |c| dn_per_e(&model.camera, c.stack.analog_gain));
+    let level = |dn_per_e: f64| {
+        let off = (m - p).abs();
+        format!("{off:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN", off / dn_per_e)
+    };
     let size = match (key.0, key.1) {
-        (Place::Stack(i), What::Mean(_)) => {
-            let k = gain(i);
-            format!(
-                "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
-                (m - p).abs(),
-                (m - p).abs() / k
-            )
-        }
+        (Place::Stack(i), What::Mean(_)) => level(gain(i)),
         (Place::Stack(_), What::Ratio(_)) => {
             format!("{m:.6}, {:.4} % {more} than the model's {p:.6}", 100.0 * (m / p - 1.0).abs())
         }
@@ -45,12 +42,7 @@ pub(super) fn describe(measured: &Measured, model: &Evaluation, key: Key, z: f64
         }
         (Place::Target(i), What::Of(figure)) if figure.is_level() => {
             let gain = measured.fit.design.targets.get(i).map_or(1.0, |t| t.stack.analog_gain);
-            let k = dn_per_e(&model.camera, gain);
-            format!(
-                "{:.3} DN ({:.2} e⁻) {more} than the model's {p:.2} DN",
-                (m - p).abs(),
-                (m - p).abs() / k
-            )
+            level(dn_per_e(&model.camera, gain))
         }
         _ => match model.fit.of.get(&key).map(|x| x.scale) {
             Some(Scale::Log) => format!(

@@ -4,8 +4,8 @@ use crate::candidates::proposal::Proposal;
 use crate::finding::number;
 use camrig_base::toml_text::seven_figures;
 use camrig_base::{Error, Result};
-use camrig_camera::presets;
-use camrig_sensor_core::effects::{Effect, Parameter};
+use camrig_camera::{AnyEffect, presets};
+use camrig_sensor_core::effects::Parameter;
 use std::path::Path;
 
 /// An improved camera file that does not depend on its folder.
@@ -23,6 +23,11 @@ pub struct ImprovedFile {
 struct Standalone {
     text: String,
     tables: Vec<(String, String)>,
+}
+
+/// The text of a camera file as a table.
+fn parsed(text: &str) -> Result<toml::Table> {
+    toml::from_str(text).map_err(|e| Error::input(format!("the camera file: {}", e.message())))
 }
 
 /// The camera file `text`, loaded as `spec`, with the effects of `camera`, of which `named` were
@@ -53,8 +58,7 @@ fn camera_file(
     camera: &camrig_camera::Camera,
     named: &[Proposal],
 ) -> Result<Standalone> {
-    let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
-    let mut file: toml::Table = toml::from_str(&text).map_err(wrong)?;
+    let mut file = parsed(&text)?;
     let noise = &camera.sensor.noise;
     let figures = [
         ("read_e", noise.read_e),
@@ -76,15 +80,8 @@ fn camera_file(
         sensor.insert("black_level_dn".into(), seven_figures(s.black_level_dn).into());
         sensor.insert("full_well_e".into(), seven_figures(s.full_well_e).into());
     }
-    let base = |e: &Effect| {
-        matches!(
-            e,
-            Effect::ReadNoise(_)
-                | Effect::Prnu(_)
-                | Effect::DarkCurrent(_)
-                | Effect::RowOffsetFpn(_)
-        )
-    };
+    const OF_BASE_MODEL: [&str; 4] = ["read-noise", "prnu", "dark-current", "row-offset-fpn"];
+    let base = |e: &AnyEffect| OF_BASE_MODEL.contains(&e.kind());
     // An empirical effect may replace part of the base model.
     if named.iter().flat_map(|p| &p.effects).any(base) || !camera.empirical.is_empty() {
         let sensor = file.get_mut("sensor").and_then(toml::Value::as_table_mut);
@@ -121,7 +118,7 @@ fn camera_file(
         };
         count += 1;
         let name = format!("empirical-{count}.toml");
-        effects.push(toml::from_str::<toml::Table>(&own.to_toml(&name)).map_err(wrong)?.into());
+        effects.push(parsed(&own.to_toml(&name))?.into());
         if own.table.has_file() {
             tables.push((name, own.table.text()?));
         }
@@ -142,9 +139,7 @@ fn camera_file(
 /// # Errors
 /// A text that is no camera file.
 fn additions(given: &str, improved: &str, named: &[Proposal]) -> Result<String> {
-    let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
-    let old: toml::Table = toml::from_str(given).map_err(wrong)?;
-    let new: toml::Table = toml::from_str(improved).map_err(wrong)?;
+    let (old, new) = (parsed(given)?, parsed(improved)?);
     let mut out = String::new();
     changes("", &old, &new, &mut out);
     let effects = |file: &toml::Table| -> Vec<toml::Value> {
@@ -188,8 +183,7 @@ fn changes(place: &str, old: &toml::Table, new: &toml::Table, out: &mut String) 
 /// # Errors
 /// A table that cannot be read.
 fn standalone(text: &str, spec: &str) -> Result<Standalone> {
-    let wrong = |e: toml::de::Error| Error::input(format!("the camera file: {}", e.message()));
-    let mut file: toml::Table = toml::from_str(text).map_err(wrong)?;
+    let mut file = parsed(text)?;
     let built_in = !spec.contains(['/', '\\', '.']);
     let directory = Path::new(spec).parent().unwrap_or(Path::new(".")).to_owned();
     let mut tables = Vec::new();
