@@ -94,6 +94,7 @@ fn a_scene_from_a_camera() {
 }
 
 #[test]
+#[ignore = "minutes: ci/full; its commands are tested in lens.rs"]
 fn a_lens_from_a_patent() {
     page("docs/guide/lens.md");
 }
