@@ -50,7 +50,7 @@ fn capabilities_tell_each_effect_that_is_compiled_in() {
 #[test]
 fn capabilities_are_the_memory() {
     let c = with_rig(|rig| rig.capabilities());
-    assert_eq!((c.max_width, c.max_bands, c.arithmetics, c.codecs), (64, 8, 0b11, 0b11));
+    assert_eq!((c.max_width, c.max_bands, c.arithmetics, c.codecs), (64, 8, 0b11, 0b1000_0011));
     let rows = 2 * (7 * BLOCK * 4) + 4 * 16 * (4 + 8);
     assert_eq!(c.memory_bytes as usize, rows + 64 * 2 + 4);
 }

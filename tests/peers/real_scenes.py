@@ -4,7 +4,7 @@
 
 Prints the figures of `real_scenes_have_the_means_of_closed_forms` in tests/tests/suite/real_data.rs: the sensor of the
 preset mt9t012 cut to 160 x 120 pixels, RGGB, with the quantum efficiency of the MT9V024 and no IR cut,
-20 ms under D65 at 300 lx. Equation numbers are those of Chen et al. 2009. Left out: blur (which moves light
+20 ms under D65, whose table ends at 830 nm, at 300 lx. Equation numbers are those of Chen et al. 2009. Left out: blur (which moves light
 over a few pixels and leaves the mean) and noise (whose mean is zero).
 """
 
@@ -58,7 +58,7 @@ def means(data, cube, band_nm, first_nm, last_nm):
     visible = np.arange(360, 831)
     power = np.interp(visible, *light)
     lumens = EFFICACY_LM_PER_W * np.sum(power * np.interp(visible, *luminous, left=0, right=0))
-    white = LUX / np.pi / lumens * np.interp(nm, *light)  # radiance, W/(m2 sr nm)
+    white = LUX / np.pi / lumens * np.interp(nm, *light, right=0)  # radiance, W/(m2 sr nm)
     irradiance = np.pi * TRANSMITTANCE * white / (1 + 4 * F_NUMBER**2)  # eq. 7 at infinity
     photons_per_j = nm * 1e-9 / (PLANCK_J_S * LIGHT_M_PER_S)
     qe = table(data / "sensors/onsemi_aptina_MT9V024_RGB.csv")
@@ -79,9 +79,9 @@ def means(data, cube, band_nm, first_nm, last_nm):
 
 def main():
     data = pathlib.Path(sys.argv[1])
+    # 156 bands from 401 to 889 nm are held as whole bands of 10 nm.
     samson = np.load(data / "scenes/samson_hyperspectral_95x95.npz")
-    # 156 bands are held as 49 of 10 nm around 400 to 880 nm.
-    print("samson", means(data, samson["cube156"], samson["wavelength156_nm"], 395, 885))
+    print("samson", means(data, samson["cube156"], samson["wavelength156_nm"], 405, 885))
     fruit = np.load(data / "scenes/fruitmcc_estimated_reflectance_316x338x31.npz")
     print("fruit", means(data, fruit["reflectance"], fruit["wavelength_nm"], 395, 705))
 

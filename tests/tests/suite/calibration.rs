@@ -17,7 +17,12 @@ fn camera_file(effects: &str) -> String {
     let mut text = small_camera(
         SIZE.0,
         SIZE.1,
-        &[("relative_illumination", "\"none\""), ("bits", "12"), ("qe", "\"qe.csv\"")],
+        &[
+            ("relative_illumination", "\"none\""),
+            ("bits", "12"),
+            ("qe", "\"qe.csv\""),
+            ("ir_cut", "\"ir-cut.csv\""),
+        ],
     );
     text.push_str(effects);
     text
@@ -31,6 +36,7 @@ fn folder(effects: &str, scene: &str, light: &str, exposures: &str) -> tempfile:
     write("c.toml", &camera_file(effects));
     let qe = camrig::camera::presets::file("mt9m131-qe.csv").expect("the preset's table");
     write("qe.csv", qe);
+    write("ir-cut.csv", camrig::camera::presets::file("ir-cut-690.csv").expect("its filter"));
     let stack = |id: &str, rest: &str| {
         format!("[[stack]]\nid = \"{id}\"\nframes = 8\nexposure_s = {exposures}\n{rest}\n")
     };

@@ -60,10 +60,21 @@ fn electrons_of_a_bayer_sensor_agree_with_isetcam() {
     let Some(inputs) = shared("golden/isetcam/a_bayer_qe_inputs.csv") else { return };
     let dir = tempfile::tempdir().unwrap();
     let text = std::fs::read_to_string(inputs).unwrap();
+    let rows: Vec<(f64, String)> = text
+        .lines()
+        .skip(1)
+        .map(|line| {
+            let (nm, rest) = line.split_once(',').unwrap();
+            (nm.parse().unwrap(), rest.split(',').take(3).collect::<Vec<_>>().join(","))
+        })
+        .collect();
+    // Each of its samples, the first and the last too, stands for 10 nm.
+    let (first, last) = (&rows[0], &rows[rows.len() - 1]);
+    let before = (first.0 - 5.0, first.1.clone());
+    let after = (last.0 + 5.0, last.1.clone());
     let mut qe = "wavelength_nm,r,g,b\n".to_string();
-    for line in text.lines().skip(1) {
-        qe.push_str(&line.split(',').take(4).collect::<Vec<_>>().join(","));
-        qe.push('\n');
+    for (nm, values) in std::iter::once(&before).chain(&rows).chain([&after]) {
+        qe.push_str(&format!("{nm},{values}\n"));
     }
     std::fs::write(dir.path().join("qe.csv"), qe).unwrap();
     std::fs::write(dir.path().join("c.toml"), camera("GRBG", "\"qe.csv\"")).unwrap();

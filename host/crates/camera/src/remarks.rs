@@ -124,7 +124,7 @@ mod tests {
     fn effects_without_effect_are_told_with_the_reason() {
         for (preset, key, value, reason) in [
             ("s5kgn1", "effect.green-imbalance.centre", 0.2, "no rows of 2 x 2 pixels"),
-            ("mt9v024", "effect.green-imbalance.centre", 0.2, "no rows of 2 x 2 pixels"),
+            ("imx174", "effect.green-imbalance.centre", 0.2, "no rows of 2 x 2 pixels"),
             ("mt9t012", "effect.colour-shading.channel_3", 0.1, "has 3 channels"),
             ("mt9t012", "effect.full-well.full_well_e", 5e5, "is below its 500000 e-"),
         ] {

@@ -273,6 +273,7 @@ fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> 
         irradiance_w_m2: Some(held),
         photons_per_pixel_per_s: Some(held * area * centre * 1e-9 / HC),
         wavelength_nm: Some(centre),
+        width_nm: Some(width),
         uniformity: Uniformity::Flat,
         ..Light::default()
     };

@@ -191,6 +191,7 @@ fn edges(camera: &Camera) -> Result<(Vec<Edge>, Vec<String>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use camrig_base::{Bands, Spectrum, weighted_means};
 
     /// The sheet agrees with the camera file.
     #[test]
@@ -200,9 +201,12 @@ mod tests {
         assert_eq!(sheet.channels, ["r", "g", "b"]);
         for Efficiency { wavelength_nm: nm, channels } in &sheet.efficiency {
             for (value, curve) in channels.iter().zip(&camera.sensor.qe) {
-                // Per photon on the whole pixel, in a band of 10 nm taken at its centre.
-                let filter = camera.sensor.ir_cut.as_ref().map_or(1.0, |f| f.at(*nm));
-                let truth = curve.at(*nm) * filter * camera.sensor.fill_factor;
+                // Per photon on the whole pixel, the mean over a band of 10 nm of even power.
+                let band = Bands { start_nm: *nm, step_nm: 10.0, count: 1 };
+                let curves: Vec<&Spectrum> =
+                    std::iter::once(curve).chain(&camera.sensor.ir_cut).collect();
+                let efficiency = weighted_means(&curves, &[&Spectrum::wavelength()], &band)[0];
+                let truth = efficiency * camera.sensor.fill_factor;
                 let off = (value.value - truth).abs();
                 assert!(off < 4.0 * value.std_error + 0.01 * truth, "{nm} nm: {value:?}, {truth}");
             }

@@ -139,8 +139,10 @@ fn check_light(light: &Light, role: Role) -> Result<()> {
         return Err(place(Error::input("irradiance_w_m2 without wavelength_nm"))
             .help("the number of photons depends on the wavelength: add wavelength_nm"));
     }
-    if let Some(w) = light.wavelength_nm {
-        positive("wavelength_nm", w).map_err(place)?;
+    for (key, length) in [("wavelength_nm", light.wavelength_nm), ("width_nm", light.width_nm)] {
+        if let Some(nm) = length {
+            positive(key, nm).map_err(place)?;
+        }
     }
     Ok(())
 }

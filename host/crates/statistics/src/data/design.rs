@@ -358,9 +358,10 @@ fn photo_electrons(camera: &Camera, capture: &Capture) -> Result<(Vec<f64>, bool
         (None, Some(photons)) => photons * HC / (nm * 1e-9) / area,
         (None, None) => return Ok((vec![0.0; channels], false)),
     };
-    let band = Bands { start_nm: nm, step_nm: 1.0, count: 1 };
-    let electrons: Vec<f64> =
-        s.response(&band).iter().map(|r| r[0] * irradiance * capture.exposure_s).collect();
+    let width_nm = light.width_nm.unwrap_or(1.0);
+    let band = Bands { start_nm: nm, step_nm: width_nm, count: 1 };
+    let joule_m2_nm = irradiance / width_nm * capture.exposure_s;
+    let electrons: Vec<f64> = s.response(&band).iter().map(|r| r[0] * joule_m2_nm).collect();
     if electrons.iter().all(|&e| e <= 0.0) && irradiance > 0.0 {
         return Err(Error::disagreement(format!(
             "light at {nm} nm, where the camera sees nothing"
