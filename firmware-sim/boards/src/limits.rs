@@ -4,7 +4,7 @@
 pub const WIDTH: usize = 2048;
 /// Largest number of spectral bands; the memory does not depend on it, as bands are summed as they
 /// arrive.
-pub const BANDS: u16 = 31;
+pub const BANDS: u16 = 64;
 /// Rows: three of means and a pipeline of four, for one effect that reads its neighbours.
 pub const ROWS: usize = 7;
 /// Longest packed raw row, bytes.

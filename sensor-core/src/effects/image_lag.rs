@@ -32,7 +32,8 @@ impl Stage for ImageLag {
     ) {
         let (full, fraction) = (A::signal(cx.full_well_e), A::factor(self.fraction));
         let stays = |light: A::Signal| A::scale(if light < full { light } else { full }, fraction);
-        for (light, before) in row.as_flattened_mut().iter_mut().zip(inputs.previous.as_flattened())
+        for (light, before) in
+            row.as_flattened_mut().iter_mut().zip(inputs.previous.as_flattened())
         {
             *light = A::add(A::sub(*light, stays(*light)), stays(*before));
         }
