@@ -49,12 +49,12 @@
 //! # Ok(())
 //! # }
 //! ```
-//! # Features
-//! `report` (pages of figures and plots) and `rig` (rigs at serial ports and on USB, and their logs)
-//! are on by default; `gpu` blurs on graphics processors. Each only adds.
-//!
 //! `examples/` has this with a chart and a DNG, a client of a rig, EMVA 1288 figures from frames,
 //! and a diagnosis.
+//!
+//! # Features
+//! `report` (pages of figures and plots) and `rig` (rigs at serial ports and on USB, and their
+//! logs) are on by default; `gpu` blurs on graphics processors. Each only adds.
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod prelude;

@@ -178,14 +178,10 @@ pub const MAX_PARAMETERS: usize = 9;
 /// them.
 pub const MAX_TABLE: usize = if cfg!(feature = "empirical") { 1024 } else { 0 };
 
-/// Whether an effect may act on light or photo-electrons.
-const fn acts_on_light(entry: &Entry) -> bool {
-    matches!(entry.domain, Domain::Light | Domain::Photo) || same(entry.kind, "empirical")
-}
-
-/// Whether an effect may act on charge or voltage.
-const fn acts_on_charge(entry: &Entry) -> bool {
-    matches!(entry.domain, Domain::Charge | Domain::Voltage)
+/// Whether an effect may act on light or photo-electrons, or else on charge or voltage.
+const fn acts_in(entry: &Entry, light: bool) -> bool {
+    let is_of_light = matches!(entry.domain, Domain::Light | Domain::Photo);
+    is_of_light == light || (light && same(entry.kind, "empirical"))
 }
 
 /// A text of the catalogue with the feature `texts`, else an empty one.

@@ -238,7 +238,7 @@ impl<S: Copy> Before<'_, S> {
             for (_, link) in of_level(chain, level) {
                 let inputs = inputs(link.effect.entry().needs, at.beside, &[]);
                 let cx = Context { key: link.key, ..cx };
-                link.effect.apply_to_light::<A::Light>(&cx, &inputs, at.out);
+                link.effect.apply::<A::Light, true>(&cx, &inputs, at.out);
             }
             if let Some(held) = at.held {
                 *held = Some(row);
@@ -365,9 +365,9 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                 let inputs = inputs(needs, beside, previous);
                 let cx = Context { key: link.key, ..cx };
                 if i < *light {
-                    link.effect.apply_to_light::<A::Light>(&cx, &inputs, out);
+                    link.effect.apply::<A::Light, true>(&cx, &inputs, out);
                 } else {
-                    link.effect.apply_to_charge::<A>(&cx, &inputs, out);
+                    link.effect.apply::<A, false>(&cx, &inputs, out);
                 }
                 if i + 1 == *light {
                     hold::<A>(out);

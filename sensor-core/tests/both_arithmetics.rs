@@ -1,9 +1,9 @@
-//! A thousand sensors and lights drawn from the ranges of their parameters, often at an end: f32 and
-//! fixed point agree within one DN, from darkness to lamps of a million full wells.
+//! A thousand sensors and lights drawn from the ranges of their parameters, often at an end: f32
+//! and fixed point agree within one DN, from darkness to lamps of a million full wells.
 //!
-//! Without noise, as a count that is rounded to the next whole electron differs by many DN. The scale
-//! is at most 64 DN per electron with all gains, so that the 2⁻¹³ e⁻ by which a stage of fixed point
-//! rounds is at most 0.01 DN.
+//! Without noise, as a count that is rounded to the next whole electron differs by many DN. The
+//! scale is at most 64 DN per electron with all gains, so that the 2⁻¹³ e⁻ by which a stage of
+//! fixed point rounds is at most 0.01 DN.
 
 mod common;
 

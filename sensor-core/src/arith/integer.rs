@@ -251,8 +251,8 @@ pub(super) fn expansion(mean: u32, w: i32) -> u32 {
     (value.max(0) >> 20) as u32
 }
 
-/// Poisson count for a mean (Q12) of 2¹⁸ to 2³³ from a normal number (Q28): floor of λ + √λ w + (2 +
-/// w²)/6. The expansion's next term is below 0.01 there.
+/// Poisson count for a mean (Q12) of 2¹⁸ to 2³³ from a normal number (Q28): floor of
+/// λ + √λ w + (2 + w²)/6. The expansion's next term is below 0.01 there.
 pub(super) fn expansion_of_many(mean: u64, w: i32) -> i64 {
     const THIRD: i64 = q(1.0 / 3.0, 24);
     const SIXTH: i32 = q30(1.0 / 6.0);

@@ -142,10 +142,10 @@ macro_rules! catalogue {
                 }
             }
 
-            /// Runs a stage of light or photo-electrons; stages of charge and voltage are not
-            /// compiled for their range.
+            /// Runs a stage: with `LIGHT` one of light or photo-electrons, else one of charge or
+            /// voltage. Stages are compiled for the range that they act in alone.
             #[inline(always)]
-            pub(crate) fn apply_to_light<A: Arith>(
+            pub(crate) fn apply<A: Arith, const LIGHT: bool>(
                 &self,
                 cx: &Context<'_>,
                 inputs: &Inputs<'_, A::Signal>,
@@ -155,27 +155,7 @@ macro_rules! catalogue {
                     $(
                         $(#[cfg(feature = $feature)])?
                         Effect::$name(e) => {
-                            if const { acts_on_light(&$module::$name::ENTRY) } {
-                                e.apply::<A>(cx, inputs, row);
-                            }
-                        }
-                    )+
-                }
-            }
-
-            /// Runs a stage of charge or voltage.
-            #[inline(always)]
-            pub(crate) fn apply_to_charge<A: Arith>(
-                &self,
-                cx: &Context<'_>,
-                inputs: &Inputs<'_, A::Signal>,
-                row: &mut [Block<A::Signal>],
-            ) {
-                match self {
-                    $(
-                        $(#[cfg(feature = $feature)])?
-                        Effect::$name(e) => {
-                            if const { acts_on_charge(&$module::$name::ENTRY) } {
+                            if const { acts_in(&$module::$name::ENTRY, LIGHT) } {
                                 e.apply::<A>(cx, inputs, row);
                             }
                         }

@@ -7,8 +7,8 @@ effect! {
     /// Dead and weak pixels: a few pixels respond with a fraction of the others' gain, or not at
     /// all.
     ///
-    /// µ *= g for a fixed fraction f of the pixels: they collect less light, and their shot noise is
-    /// that of what they collect. Chen et al. 2009, section VI: defects that only the captures
+    /// µ *= g for a fixed fraction f of the pixels: they collect less light, and their shot noise
+    /// is that of what they collect. Chen et al. 2009, section VI: defects that only the captures
     /// show.
     DefectivePixels, "defective-pixels", Light, Defect, Pixel {
         /// Fraction of pixels

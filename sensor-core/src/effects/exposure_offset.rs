@@ -8,7 +8,8 @@ effect! {
     /// Exposure offset: the sensor exposes in discrete steps, and for slightly longer or shorter
     /// than requested.
     ///
-    /// t' = s round(t/s) + δ, not below 0; light and dark charge follow t'. Several of these in a chain act one after the other.
+    /// t' = s round(t/s) + δ, not below 0; light and dark charge follow t'. Several of
+    /// these in a chain act one after the other.
     ExposureOffset, "exposure-offset", Light, Response, Pixel {
         /// Error δ
         offset_us: "us", -1e4..=1e4, default 0.0;

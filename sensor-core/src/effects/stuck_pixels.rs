@@ -6,8 +6,8 @@ use crate::arith::{Arith, Block};
 effect! {
     /// Stuck pixels: a few pixels give the same signal whatever the light.
     ///
-    /// A fixed fraction f of the pixels reads black level + `level` x (2^bits − 1) DN at any analogue
-    /// gain, since what is stuck lies at the converter's input; 1 and above is stuck white.
+    /// A fixed fraction f of the pixels reads black level + `level` x (2^bits − 1) DN at any
+    /// analogue gain, since what is stuck lies at the converter's input; 1 and above is stuck white.
     StuckPixels, "stuck-pixels", Voltage, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;

@@ -129,7 +129,7 @@ fn a_batch_killed_at_any_moment_loses_and_repeats_nothing() {
 }
 
 #[test]
-#[ignore = "takes long: ci/full"]
+#[ignore = "half a minute; forty kills, above, prove the same more coarsely: ci/full"]
 fn a_batch_killed_at_two_hundred_moments_loses_and_repeats_nothing() {
     kill_batches(200);
 }

@@ -132,8 +132,8 @@ fn finding(ids: &[&str]) -> Finding {
     Finding::new(Kind::ProcessedFrames, ids.join(", "), Done::Reported).with_count(ids.len())
 }
 
-/// Whether the figures of all stacks are significant, each above its least size, and equal to within
-/// what one filter causes.
+/// Whether the figures of all stacks are significant, each above its least size, and equal to
+/// within what one filter causes.
 fn are_alike(figures: &[f64], least: impl Iterator<Item = f64>) -> bool {
     let same_sign = |f: &f64| f.signum() == figures[0].signum();
     let significant = figures.iter().zip(least).all(|(f, least)| f.abs() > least && same_sign(f));

@@ -212,8 +212,8 @@ mod tests {
         assert!(level(-1.0).is_err() && level(f64::NAN).is_err());
     }
 
-    /// ISETCam's figures for D65 at 100 cd/m², at the centres of its bands (100 V-weighted over 400:10:700 nm, ours over 1 nm
-    /// steps of 360 to 830 nm: 2e-4), and the electrons of its sensor from them.
+    /// ISETCam's figures for D65 at 100 cd/m², at the centres of its bands (100 V-weighted over
+    /// 400:10:700 nm, ours over 1 nm steps of 360 to 830 nm: 2e-4), and the electrons of its sensor from them.
     #[test]
     fn agrees_with_isetcam() {
         let Some(golden) = camrig_testing::shared("golden/isetcam") else { return };

@@ -119,8 +119,8 @@ fn rendered(
     Ok((writer.finish()?, report))
 }
 
-/// A lens that is made once for many scenes of the same bands in the same light. Of these no cubes are kept: each is
-/// seen once.
+/// A lens that is made once for many scenes of the same bands in the same light. Of these no cubes
+/// are kept: each is seen once.
 pub(crate) struct OneLens {
     lens: Box<dyn Lens>,
     /// What irradiance through it is made for. Looked up once, as it digests the lens's files.

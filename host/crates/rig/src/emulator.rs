@@ -18,8 +18,8 @@ use std::sync::mpsc;
 const MAX_WIDTH: usize = 16_384;
 /// Longest packed raw row, bytes.
 const RAW_BYTES: usize = 2 * MAX_WIDTH;
-/// Rows of memory for two effects that read the rows above and below: 5 of light, 7 of the pipeline,
-/// and as many for the frame before, where an effect remembers it.
+/// Rows of memory for two effects that read the rows above and below: 5 of light, 7 of the
+/// pipeline, and as many for the frame before, where an effect remembers it.
 const ROWS: usize = 5 + 7 + 7;
 /// Values of the crosstalk table: 33 x 33 nodes, 64 bands, 4 channels, and the axes of the three.
 const CROSSTALK: usize = 33 * 33 * 64 * 4 + 130;

@@ -11,7 +11,7 @@
 //! scale = 1.0                  # multiplies the samples
 //! array = "cube"               # name of the array in a file of several; of an EXR's layer or part
 //! negative = "zero"            # takes samples below zero as 0, however far below
-//! beyond = "dark"              # what lies outside its bands; "hold" keeps a reflectance's end values
+//! beyond = "dark"              # outside its bands; "hold" keeps a reflectance's end values
 //! ```
 
 use super::cube::{BandSource, Cube};

@@ -6,8 +6,8 @@
 //!
 //! Equally spaced bands of 5 to 50 nm are kept; others are converted to bands of 10 nm, each the
 //! mean of the spectrum over the band (linear between source bands). Negative samples within the
-//! noise of a dark scene are taken as 0, which the notes say. Outside its bands a cube is dark: what
-//! was not measured is not invented. A reflectance may be held at its ends ([`Beyond::Hold`]).
+//! noise of a dark scene are taken as 0, which the notes say. Outside its bands a cube is dark:
+//! what was not measured is not invented. A reflectance may be held at its ends ([`Beyond::Hold`]).
 
 pub use super::band_source::BandSource;
 use super::resample::resample;

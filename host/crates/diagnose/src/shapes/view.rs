@@ -105,8 +105,8 @@ pub(crate) fn channel_medians(values: &[f32], channels: &Channels) -> Vec<f64> {
     own.iter_mut().map(|v| f64::from(median(v, f32::total_cmp))).collect()
 }
 
-/// Multiplies the moments of each pixel over time: variance and lag, third and fourth moment each by
-/// a factor that depends on the pixel and its variance.
+/// Multiplies the moments of each pixel over time: variance and lag, third and fourth moment each
+/// by a factor that depends on the pixel and its variance.
 pub(crate) fn scale_noise(t: &mut Temporal, by: impl Fn(usize, f32) -> [f32; 3]) {
     let second = t.pixel_variance.iter_mut().zip(&mut t.pixel_lag);
     let higher = t.pixel_third.iter_mut().zip(&mut t.pixel_fourth);
