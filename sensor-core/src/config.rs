@@ -73,7 +73,8 @@ pub struct SensorConfig {
     /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ in a band, `[channel * bands +
     /// band]`: A QE(λ) S(λ) λ/(hc) Δλ with A the photosensitive area (eq. 8 and 9).
     pub response: heapless::Vec<f32, { MAX_CHANNELS * MAX_BANDS }>,
-    /// Linear full well W, e⁻.
+    /// Charge at which the converter's range ends at unity gain, e⁻: W of eq. 11. What a pixel
+    /// holds is a parameter of the effect [`full-well`](crate::effects::full_well).
     pub full_well_e: f32,
     /// Bits of the converter, 8 to 16.
     pub bits: u8,
@@ -83,10 +84,26 @@ pub struct SensorConfig {
     pub seed: u64,
     /// The signal chain, in the order of the physics (see [`SensorConfig::check`]).
     pub effects: heapless::Vec<Effect, MAX_EFFECTS>,
+    /// Which capture of a pixel it is; no part of the camera on the link, which carries one.
+    #[serde(skip)]
+    pub streams: Streams,
     /// Tables of empirical effects, each as the number of its words, then the words
     /// ([`empirical`](crate::effects::empirical)). On the link it follows the crosstalk table.
     #[serde(skip)]
     pub table: heapless::Vec<f32, MAX_TABLE>,
+}
+
+/// Which capture of a pixel a sensor is, where several are taken ([`hdr`](crate::hdr)). Random
+/// numbers depend on it; those of capture 0 are those of a sensor with one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Streams {
+    /// The photodiode: fixed patterns of light and charge.
+    pub photodiode: u8,
+    /// The window, one integration of a photodiode: counts of light and charge, which all captures
+    /// of the window share.
+    pub window: u8,
+    /// The capture: patterns and noise of the voltage.
+    pub capture: u8,
 }
 
 /// What may change from frame to frame. [`FrameSettings::new`] makes those of a first frame.
@@ -269,6 +286,7 @@ impl SensorConfig {
             black_level_dn: 64.0,
             seed: 0,
             effects: heapless::Vec::new(),
+            streams: Streams::default(),
             table: heapless::Vec::new(),
         }
     }

@@ -90,6 +90,7 @@ pub mod config;
 pub mod crosstalk;
 #[cfg_attr(not(feature = "catalogue"), allow(dead_code, reason = "only some effects use it"))]
 pub mod effects;
+pub mod hdr;
 pub mod math;
 pub mod pipeline;
 pub mod spectral;

@@ -8,7 +8,7 @@
 //! light of that frame, with its exposure and number and in memory of their own.
 
 use crate::arith::{Arith, BLOCK, Block, blocks};
-use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, MAX_WINDOWS, SensorConfig};
+use crate::config::{ConfigError, FrameSettings, MAX_EFFECTS, MAX_WINDOWS, SensorConfig, Streams};
 use crate::effects::{Context, Domain, Effect, Inputs, Needs, beside};
 use crate::stream::Key;
 
@@ -37,6 +37,18 @@ impl<A: Arith, F: FnMut(u32, &mut [Block<A::Signal>])> MeanRows<A> for F {
 struct Link {
     effect: Effect,
     key: Key,
+    /// [`Context::pattern_of`] and [`Context::noise_of`].
+    pattern_of: u8,
+    noise_of: u8,
+}
+
+impl Link {
+    /// What its effect knows of a row, beyond what all do.
+    #[inline(always)]
+    fn context<'a>(&self, cx: &Context<'a>) -> Context<'a> {
+        let Self { key, pattern_of, noise_of, .. } = *self;
+        Context { key, pattern_of, noise_of, ..*cx }
+    }
 }
 
 /// Three rows of the signal just before an effect that reads its neighbours.
@@ -237,7 +249,7 @@ impl<S: Copy> Before<'_, S> {
             }
             for (_, link) in of_level(chain, level) {
                 let inputs = inputs(link.effect.entry().needs, at.beside, &[]);
-                let cx = Context { key: link.key, ..cx };
+                let cx = link.context(&cx);
                 link.effect.apply::<A::Light, true>(&cx, &inputs, at.out);
             }
             if let Some(held) = at.held {
@@ -271,6 +283,7 @@ fn context<'a>(config: &'a SensorConfig, settings: &FrameSettings, chain: &[Link
         analog_gain: settings.analog_gain,
         dn_per_e: config.dn_per_e(settings.analog_gain),
         full_well_e: config.full_well_e,
+        full_scale_e: config.full_well_e,
         black_level_dn: config.black_level_dn,
         max_dn: config.max_dn(),
         pattern: &config.pattern,
@@ -281,9 +294,11 @@ fn context<'a>(config: &'a SensorConfig, settings: &FrameSettings, chain: &[Link
         #[cfg(feature = "exact-shot-noise")]
         exact_shot_noise: None,
         key: Key::new(config.seed),
+        pattern_of: 0,
+        noise_of: 0,
     };
     for link in chain {
-        cx.key = link.key;
+        cx = link.context(&cx);
         link.effect.prepare(&mut cx);
     }
     cx
@@ -316,7 +331,13 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             // Effects of one kind differ by their order.
             let nth = chain.iter().filter(|l| l.effect.entry().id == entry.id).count() as u32;
             let key = Key::new(config.seed).with(u32::from(entry.id)).with(nth);
-            chain.push(Link { effect: *effect, key }).map_err(|_| ConfigError::Memory)?;
+            let Streams { photodiode, window, capture } = config.streams;
+            let [pattern_of, noise_of] = match effect.domain() {
+                Domain::Voltage => [capture, capture],
+                _ => [photodiode, window],
+            };
+            let link = Link { effect: *effect, key, pattern_of, noise_of };
+            chain.push(link).map_err(|_| ConfigError::Memory)?;
         }
         let len = blocks(config.width as usize);
         let mut memory = memory;
@@ -363,7 +384,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                     _ => &[],
                 };
                 let inputs = inputs(needs, beside, previous);
-                let cx = Context { key: link.key, ..cx };
+                let cx = link.context(&cx);
                 if i < *light {
                     link.effect.apply::<A::Light, true>(&cx, &inputs, out);
                 } else {

@@ -10,11 +10,11 @@ effect! {
     /// The response has slope 1 up to the first knee, the first slope between the knees, and the
     /// second slope beyond the second knee. Knees are given on the scale before compression.
     Companding, "companding", Voltage, Response, Pixel {
-        /// First knee as a fraction of full well
+        /// First knee as a fraction of the converter's range
         knee_1: "1", 0.0..=1.0;
         /// Slope from there on
         slope_1: "1", 0.0..=1.0;
-        /// Second knee as a fraction of full well, not below the first
+        /// Second knee as a fraction of the converter's range, not below the first
         knee_2: "1", 0.0..=1.0, default 1.0;
         /// Slope from there on
         slope_2: "1", 0.0..=1.0, default 1.0;
@@ -29,8 +29,8 @@ impl Stage for Companding {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let first = A::signal(self.knee_1 * cx.full_well_e);
-        let second = A::signal(self.knee_2.max(self.knee_1) * cx.full_well_e);
+        let first = A::signal(self.knee_1 * cx.full_scale_e);
+        let second = A::signal(self.knee_2.max(self.knee_1) * cx.full_scale_e);
         let slopes = [A::factor(self.slope_1), A::factor(self.slope_2)];
         let zero = A::Signal::default();
         let beyond = |v, knee| if v > knee { A::sub(v, knee) } else { zero };

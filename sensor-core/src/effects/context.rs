@@ -27,8 +27,11 @@ pub struct Context<'a> {
     pub analog_gain: f32,
     /// DN per input-referred electron at this gain.
     pub dn_per_e: f32,
-    /// Full well, e⁻.
+    /// Full well, e⁻: that of the chain's last effect `full-well`, or else the end of the
+    /// converter's range at unity gain.
     pub full_well_e: f32,
+    /// Charge at which the converter's range ends at unity gain, e⁻.
+    pub full_scale_e: f32,
     /// Black level: the DN of zero signal.
     pub black_level_dn: f32,
     /// Largest DN.
@@ -46,6 +49,10 @@ pub struct Context<'a> {
     pub(crate) exact_shot_noise: Option<Key>,
     /// Root of this stage's streams on this physical sensor.
     pub(crate) key: Key,
+    /// Number of the photodiode or capture whose patterns these are, and of the window or capture
+    /// whose noise.
+    pub(crate) pattern_of: u8,
+    pub(crate) noise_of: u8,
 }
 
 /// What a stream depends on in addition to sensor and stage.
@@ -80,7 +87,12 @@ pub(crate) fn beside(i: u32, count: u32) -> [u32; 2] {
 
 impl Context<'_> {
     fn stream(&self, part: u32, over: Over) -> Key {
-        self.key.with(part).with(over as u32)
+        let number = match over {
+            Over::Pixel | Over::Column | Over::Row | Over::Sensor => self.pattern_of,
+            _ => self.noise_of,
+        };
+        let key = self.key.with(part).with(over as u32);
+        if number > 0 { key.with(u32::from(number)) } else { key }
     }
 
     /// Fixed pattern: values per pixel of this physical sensor. `part` distinguishes the draws of

@@ -18,6 +18,10 @@ effect! {
 }
 
 impl Stage for FullWell {
+    fn prepare(&self, cx: &mut Context<'_>) {
+        cx.full_well_e = self.full_well_e;
+    }
+
     #[inline(always)]
     fn apply<A: Arith>(
         &self,

@@ -1,0 +1,148 @@
+//! Companding: fewer codes for bright light, along straight lines between knees.
+
+use super::HdrError;
+
+/// Largest number of knees after (0, 0).
+pub const MAX_KNEES: usize = 64;
+
+/// Codes of knees are multiples of 1 over this.
+const PARTS: i64 = 256;
+
+/// How a code becomes a whole number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Rounding {
+    /// The whole number at or below it.
+    #[default]
+    Floor,
+    /// The nearest whole number, the upper one from a half on.
+    Nearest,
+}
+
+/// A knee: a linear number, and its code in 1/256.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Knee {
+    x: i64,
+    y: i64,
+}
+
+/// A curve of straight lines from linear numbers to codes.
+///
+/// Between the knees (x_i, y_i) and (x_j, y_j) the code of x is ⌊(y_i Δx + (x − x_i) Δy)/Δx⌋, with
+/// half a code added before where it is rounded. A knee is the first number of the line above it;
+/// the first line goes on below 0, the last beyond its end. Receivers undo it with the lowest
+/// number of a code, x_i + ⌈(y − y_i) Δx/Δy⌉, as AMD's Vitis `hdr_decompand` and TI's
+/// `Rfe_PwlConfig` do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Curve {
+    knees: heapless::Vec<Knee, MAX_KNEES>,
+    rounding: Rounding,
+}
+
+impl Curve {
+    /// A curve from (0, 0) through these knees: linear numbers and their codes, multiples of 1/256.
+    ///
+    /// # Errors
+    /// [`HdrError::Knees`], [`HdrError::Knee`].
+    pub fn new(knees: &[(u32, f64)], rounding: Rounding) -> Result<Self, HdrError> {
+        if knees.is_empty() || knees.len() > MAX_KNEES {
+            return Err(HdrError::Knees);
+        }
+        let mut before = Knee { x: 0, y: 0 };
+        let mut own = heapless::Vec::new();
+        for (i, &(x, y)) in knees.iter().enumerate() {
+            let parts = y * PARTS as f64;
+            let knee = Knee { x: i64::from(x), y: parts as i64 };
+            let (dx, dy) = (knee.x - before.x, knee.y - before.y);
+            if knee.y as f64 != parts || dx <= 0 || dy <= 0 || dy > dx * PARTS {
+                return Err(HdrError::Knee(i));
+            }
+            own.push(knee).map_err(|_| HdrError::Knees)?;
+            before = knee;
+        }
+        Ok(Self { knees: own, rounding })
+    }
+
+    /// The line whose knees' `key` encloses a value: its lower and its upper knee.
+    #[inline(always)]
+    fn line(&self, value: i64, key: impl Fn(&Knee) -> i64) -> [Knee; 2] {
+        let last = self.knees.len().saturating_sub(1);
+        let inner = self.knees.get(..last).unwrap_or_default();
+        let i = inner.partition_point(|knee| key(knee) <= value);
+        let zero = Knee { x: 0, y: 0 };
+        let at = |i: usize| self.knees.get(i).copied().unwrap_or(zero);
+        [i.checked_sub(1).map_or(zero, at), at(i)]
+    }
+
+    /// The code of a linear number.
+    #[inline(always)]
+    pub fn code(&self, x: i64) -> i64 {
+        let [a, b] = self.line(x, |knee| knee.x);
+        let (dx, dy) = (b.x - a.x, b.y - a.y);
+        let half = match self.rounding {
+            Rounding::Floor => 0,
+            Rounding::Nearest => PARTS / 2 * dx,
+        };
+        (a.y * dx + (x - a.x) * dy + half).div_euclid(PARTS * dx)
+    }
+
+    /// The lowest linear number of a code, where codes are the whole numbers below.
+    pub fn lowest(&self, code: i64) -> i64 {
+        let y = code * PARTS;
+        let [a, b] = self.line(y, |knee| knee.y);
+        a.x - ((a.y - y) * (b.x - a.x)).div_euclid(b.y - a.y)
+    }
+
+    /// Linear numbers per code at a linear number.
+    pub fn step(&self, x: i64) -> f64 {
+        let [a, b] = self.line(x, |knee| knee.x);
+        (b.x - a.x) as f64 / ((b.y - a.y) as f64 / PARTS as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_code_is_that_of_the_line_above_a_knee() {
+        let curve = Curve::new(&[(4, 4.0), (20, 8.0), (84, 12.0)], Rounding::Floor).unwrap();
+        let codes: [i64; 12] =
+            [-2, 0, 3, 4, 7, 8, 19, 20, 35, 36, 83, 100].map(|x| curve.code(x));
+        assert_eq!(codes, [-2, 0, 3, 4, 4, 5, 7, 8, 8, 9, 11, 13]);
+        assert_eq!([3, 4, 20].map(|x| curve.step(x)), [1.0, 4.0, 16.0]);
+    }
+
+    #[test]
+    fn the_lowest_number_of_a_code_is_the_first_that_has_it() {
+        let knees = [(500, 500.0), (11_500, 671.875), (65_536, 4049.125)];
+        let curve = Curve::new(&knees, Rounding::Floor).unwrap();
+        for code in 1..4049 {
+            let lowest = curve.lowest(code);
+            assert_eq!(curve.code(lowest), code);
+            assert!(curve.code(lowest - 1) < code);
+        }
+    }
+
+    #[test]
+    fn rounding_moves_by_half_a_code() {
+        let knees = [(512, 512.0), (1024, 576.0)];
+        let floor = Curve::new(&knees, Rounding::Floor).unwrap();
+        let nearest = Curve::new(&knees, Rounding::Nearest).unwrap();
+        for x in 512..1020 {
+            assert_eq!(nearest.code(x), floor.code(x + 4), "{x}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_curve_is_refused() {
+        let new = |knees: &[(u32, f64)]| Curve::new(knees, Rounding::Floor);
+        assert_eq!(new(&[]), Err(HdrError::Knees));
+        assert_eq!(new(&[(1, 1.0); MAX_KNEES + 1]), Err(HdrError::Knees));
+        assert_eq!(new(&[(4, 5.0)]), Err(HdrError::Knee(0)), "faster than 1:1");
+        assert_eq!(new(&[(4, 4.0), (4, 5.0)]), Err(HdrError::Knee(1)));
+        assert_eq!(new(&[(4, 4.0), (9, 4.0)]), Err(HdrError::Knee(1)));
+        assert_eq!(new(&[(4, 0.001)]), Err(HdrError::Knee(0)), "no multiple of 1/256");
+        assert_eq!(new(&[(4, f64::NAN)]), Err(HdrError::Knee(0)));
+    }
+}
