@@ -65,10 +65,9 @@ impl fmt::Display for HdrError {
                 f,
                 "a merge has 2 to {MAX_CAPTURES} captures and one hand-over fewer than captures"
             ),
-            Self::HandOver(i) => write!(
-                f,
-                "hand-over {i}: an earlier capture decides, and high_dn is above low_dn"
-            ),
+            Self::HandOver(i) => {
+                write!(f, "hand-over {i}: an earlier capture decides, and high_dn is above low_dn")
+            }
             Self::Linear => f.write_str(
                 "the linear signal has 16, 20 or 24 bits, and its pedestal lies within them",
             ),

@@ -107,8 +107,7 @@ mod tests {
     #[test]
     fn a_code_is_that_of_the_line_above_a_knee() {
         let curve = Curve::new(&[(4, 4.0), (20, 8.0), (84, 12.0)], Rounding::Floor).unwrap();
-        let codes: [i64; 12] =
-            [-2, 0, 3, 4, 7, 8, 19, 20, 35, 36, 83, 100].map(|x| curve.code(x));
+        let codes: [i64; 12] = [-2, 0, 3, 4, 7, 8, 19, 20, 35, 36, 83, 100].map(|x| curve.code(x));
         assert_eq!(codes, [-2, 0, 3, 4, 4, 5, 7, 8, 8, 9, 11, 13]);
         assert_eq!([3, 4, 20].map(|x| curve.step(x)), [1.0, 4.0, 16.0]);
     }
