@@ -105,7 +105,7 @@ fn labs(xyz: &[[f64; 3]], truth: &[[f64; 3]]) -> Vec<Lab> {
 
 /// XYZ of the raw patches by the D65 matrix in the DNG itself.
 fn by_matrix(raw: &RawFrame, info: &DngInfo) -> Vec<[f64; 3]> {
-    let inverse = camrig::color::inverse(&info.color_matrix_d65.unwrap()).unwrap();
+    let inverse = camrig::color::inverse(&info.daylight_matrix().unwrap()).unwrap();
     let at = |x: usize, y: usize| (raw.cfa.channel(x, y), f64::from(raw.data[y * WIDTH + x]));
     let mean = |values: Vec<(usize, f64)>| {
         let camera: [f64; 3] = std::array::from_fn(|channel| {

@@ -4,7 +4,7 @@ use camrig::RawFrame;
 use camrig::camera::Cfa;
 use camrig::formats::opcodes::{GainMap, Opcode};
 use camrig::formats::pixel_format::Layout;
-use camrig::formats::{DngInfo, Format, Frames, PixelFormat, decode, dng};
+use camrig::formats::{ColorMatrix, DngInfo, Format, Frames, PixelFormat, decode, dng};
 use camrig_tests::{client, run};
 use std::path::PathBuf;
 
@@ -35,8 +35,10 @@ fn info() -> DngInfo {
         iso: Some(200),
         f_number: Some(2.8),
         focal_length_mm: Some(3.6),
-        color_matrix_a: Some([[1.1, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.1, 0.25, 0.7]]),
-        color_matrix_d65: Some([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+        color_matrices: vec![
+            ColorMatrix::of_a([[1.1, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.1, 0.25, 0.7]]),
+            ColorMatrix::of_d65([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+        ],
         as_shot_neutral: Some([0.5, 1.0, 0.625]),
         noise_profile: vec![(1e-4, 2e-7), (1.1e-4, 2e-7), (1e-4, 3e-7)],
         ..DngInfo::default()

@@ -6,7 +6,7 @@
 //! only in an Exif IFD, are common. Samples are stored as uncompressed 16-bit words.
 
 use super::cfa_codes::color_code;
-use super::dng_info::{DngInfo, black_levels};
+use super::dng_info::{CARRIED, DngInfo, UNSIGNED, black_levels};
 use super::opcodes;
 use super::{Facts, check_range, preview};
 use camrig_base::{Error, RawFrame, Result};
@@ -16,10 +16,6 @@ use tiff::encoder::{
 };
 use tiff::tags::Tag;
 
-/// CIE illuminant A in DNG's (Exif LightSource) numbering.
-const ILLUMINANT_A: u16 = 17;
-/// CIE illuminant D65.
-const ILLUMINANT_D65: u16 = 21;
 /// Longest side of the thumbnail, pixels: enough for a file browser, at most 197 kB in the file.
 const THUMBNAIL: usize = 256;
 /// Bytes that dcraw reads of a description, whatever its length; it fails where the file ends
@@ -183,22 +179,22 @@ fn write_camera(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written 
     if frame.cfa.channels() != ['R', 'G', 'B'] {
         return Ok(()); // colour matrices have a row per channel: ours are for R, G, B
     }
-    let matrices = [
-        (50721, 50778, info.color_matrix_a, ILLUMINANT_A), // ColorMatrix1
-        (50722, 50779, info.color_matrix_d65, ILLUMINANT_D65), // ColorMatrix2
-    ];
-    for (tag, illuminant_tag, matrix, illuminant) in matrices {
-        if let Some(matrix) = matrix {
-            put(
-                d,
-                tag,
-                &matrix.as_flattened().iter().map(|&v| srational(v)).collect::<Vec<_>>()[..],
-            )?;
-            put(d, illuminant_tag, illuminant)?; // CalibrationIlluminant
-        }
+    // ColorMatrix1 and 2, CalibrationIlluminant1 and 2.
+    for ((tag, light_tag), matrix) in
+        [(50721, 50778), (50722, 50779)].iter().zip(&info.color_matrices)
+    {
+        put(d, *tag, &srationals(matrix.camera_from_xyz.as_flattened())[..])?;
+        put(d, *light_tag, matrix.illuminant)?;
     }
     if let Some(neutral) = info.as_shot_neutral {
         put(d, 50728, neutral.map(rational))?; // AsShotNeutral
+    }
+    for (tag, values) in info.carried.iter().filter(|(tag, _)| CARRIED.contains(tag)) {
+        if UNSIGNED.contains(tag) {
+            put(d, *tag, &values.iter().map(|&v| rational(v)).collect::<Vec<_>>()[..])?;
+        } else {
+            put(d, *tag, &srationals(values)[..])?;
+        }
     }
     Ok(())
 }
@@ -214,9 +210,12 @@ fn rational(value: f64) -> Rational {
     Rational { n, d }
 }
 
-fn srational(value: f64) -> SRational {
-    let (n, d) = fraction(value.abs(), i32::MAX as u32);
-    SRational { n: if value < 0.0 { -(n as i32) } else { n as i32 }, d: d as i32 }
+fn srationals(values: &[f64]) -> Vec<SRational> {
+    let signed = |&value: &f64| {
+        let (n, d) = fraction(value.abs(), i32::MAX as u32);
+        SRational { n: if value < 0.0 { -(n as i32) } else { n as i32 }, d: d as i32 }
+    };
+    values.iter().map(signed).collect()
 }
 
 fn fraction(value: f64, top: u32) -> (u32, u32) {

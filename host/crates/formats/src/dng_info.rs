@@ -2,6 +2,51 @@
 
 use super::opcodes::Opcode;
 use camrig_base::RawFrame;
+use std::collections::BTreeMap;
+
+/// Fields of the main directory that belong to the colour matrices or to the exposure, which a
+/// copy keeps: signed fractions, except for those of [`UNSIGNED`].
+pub(super) const CARRIED: [u16; 11] = [
+    50723, // CameraCalibration1
+    50724, // CameraCalibration2
+    50727, // AnalogBalance
+    50729, // AsShotWhiteXY
+    50730, // BaselineExposure
+    50731, // BaselineNoise
+    50732, // BaselineSharpness
+    50734, // LinearResponseLimit
+    50739, // ShadowScale
+    50964, // ForwardMatrix1
+    50965, // ForwardMatrix2
+];
+/// The fields of [`CARRIED`] that are unsigned fractions.
+pub(super) const UNSIGNED: [u16; 6] = [50727, 50729, 50731, 50732, 50734, 50739];
+
+/// CIE illuminant D65 in DNG's (Exif LightSource) numbering.
+pub(super) const ILLUMINANT_D65: u16 = 21;
+
+/// A colour matrix and the light it is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ColorMatrix {
+    /// The light in Exif's LightSource numbering: 17 is illuminant A, 21 D65, 0 unknown.
+    pub illuminant: u16,
+    /// XYZ to camera R, G, B, scaled so that white's largest channel is 1.
+    pub camera_from_xyz: [[f64; 3]; 3],
+}
+
+impl ColorMatrix {
+    /// Of illuminant A.
+    #[must_use]
+    pub fn of_a(camera_from_xyz: [[f64; 3]; 3]) -> Self {
+        Self { illuminant: 17, camera_from_xyz }
+    }
+
+    /// Of illuminant D65.
+    #[must_use]
+    pub fn of_d65(camera_from_xyz: [[f64; 3]; 3]) -> Self {
+        Self { illuminant: ILLUMINANT_D65, camera_from_xyz }
+    }
+}
 
 /// What a DNG says about a frame beyond its samples. Fields that are `None` or empty are not
 /// written.
@@ -24,10 +69,8 @@ pub struct DngInfo {
     pub f_number: Option<f64>,
     /// Focal length, mm.
     pub focal_length_mm: Option<f64>,
-    /// XYZ to camera under illuminant A, scaled so that white's largest channel is 1.
-    pub color_matrix_a: Option<[[f64; 3]; 3]>,
-    /// XYZ to camera under illuminant D65, scaled likewise.
-    pub color_matrix_d65: Option<[[f64; 3]; 3]>,
+    /// XYZ to camera R, G, B, for up to two lights.
+    pub color_matrices: Vec<ColorMatrix>,
     /// Camera R, G, B of a white in the scene's light, the largest 1.
     pub as_shot_neutral: Option<[f64; 3]>,
     /// (S, O) of each channel: the variance of a signal x (0 at black, 1 at white) is `S x + O`.
@@ -35,6 +78,9 @@ pub struct DngInfo {
     /// Black levels of the cells of the colour filter pattern, row-major, DN; empty: the frame's
     /// own black level everywhere.
     pub black_levels_dn: Vec<f64>,
+    /// Numbers of further fields of the main directory, by tag: white and exposure as
+    /// other programs wrote them, kept as they were read.
+    pub carried: BTreeMap<u16, Vec<f64>>,
     /// Corrections of stored values (bad pixels).
     pub opcode_list1: Vec<Opcode>,
     /// Corrections of linear values before demosaicing (gain maps).
@@ -52,14 +98,23 @@ impl Default for DngInfo {
             iso: None,
             f_number: None,
             focal_length_mm: None,
-            color_matrix_a: None,
-            color_matrix_d65: None,
+            color_matrices: Vec::new(),
             as_shot_neutral: None,
             noise_profile: Vec::new(),
             black_levels_dn: Vec::new(),
+            carried: BTreeMap::new(),
             opcode_list1: Vec::new(),
             opcode_list2: Vec::new(),
         }
+    }
+}
+
+impl DngInfo {
+    /// XYZ to camera R, G, B in daylight: the matrix for D65, otherwise the last one.
+    #[must_use]
+    pub fn daylight_matrix(&self) -> Option<[[f64; 3]; 3]> {
+        let of_d65 = self.color_matrices.iter().find(|m| m.illuminant == ILLUMINANT_D65);
+        of_d65.or(self.color_matrices.last()).map(|m| m.camera_from_xyz)
     }
 }
 

@@ -4,12 +4,12 @@
 //! Of several raw images one is read (`choose`), and a note names the others.
 //!
 //! The linearization table is applied to the samples, and the frame is cropped to the active area,
-//! to which pattern and black levels refer. Row and column black-level deltas are not applied,
-//! which a note says. Bad pixels of OpcodeList1, whose places are those of the stored image, go
+//! to which pattern and black levels refer. Row and column black-level deltas
+//! count by their means. Bad pixels of OpcodeList1, whose places are those of the stored image, go
 //! with the crop; opcodes that are not kept are named in a note.
 
 use super::cfa_codes::{color_code, color_letter};
-use super::dng_info::DngInfo;
+use super::dng_info::{CARRIED, ColorMatrix, DngInfo};
 use super::ifd::{Ifd, Tiff};
 use super::opcodes::Opcode;
 use super::{Facts, Frames, Taken, full_scale, narrow, opcodes, tiff_samples};
@@ -39,7 +39,9 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let mut note = Facts::default();
     note.merge_note(&raw.text(270).unwrap_or_default());
     let cfa = pattern(raw, note.cfa)?;
-    let black = black_levels(raw, cfa.width, cfa.height)?;
+    let mut black = black_levels(raw, cfa.width, cfa.height)?;
+    add_deltas(&mut black, raw, [cfa.width, cfa.height], &mut notes)?;
+    not_negative(&black)?;
     let largest = plane.data.iter().copied().max().unwrap_or(0);
     let white = white_level(raw, largest, &mut notes)?;
     // Noise and highlights reach above the level at which a sensor counts as saturated.
@@ -51,18 +53,13 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         white_level_dn: Some(white),
         ..Facts::default()
     };
-    for (tag, name) in [(50715, "BlackLevelDeltaH"), (50716, "BlackLevelDeltaV")] {
-        if numbers(raw, tag, name)?.unwrap_or_default().iter().any(|d| *d != 0.0) {
-            notes.push(format!(
-                "the file's black levels differ by row or column ({name}), which is not applied"
-            ));
-        }
-    }
     notes.extend(tiff_samples::orientation(main.uint(274).or(raw.uint(274)).unwrap_or(1)));
     let exif = main.uint(34665).and_then(|offset| file.ifd(offset as usize).ok());
-    facts.taken = exif.as_ref().map(Taken::of_exif).unwrap_or_default();
+    // TIFF/EP has the fields of Exif in the main directory, where many small writers put them.
+    let taken_from: Vec<&Ifd> = exif.iter().chain([main, raw]).collect();
+    facts.taken = Taken::of_directories(&taken_from);
     facts.taken.noted = true;
-    let mut info = info(main, raw, exif.as_ref());
+    let mut info = info(main, raw, &taken_from);
     [info.opcode_list1, info.opcode_list2] = corrections(raw, active, &mut notes)?;
     if black.iter().any(|b| *b != black[0]) {
         info.black_levels_dn = black;
@@ -298,11 +295,6 @@ fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
             levels.len()
         )));
     }
-    if levels.iter().any(|level| *level < 0.0) {
-        return Err(Error::input(format!("black levels {levels:?}"))
-            .at("BlackLevel (tag 50714)")
-            .help("they are numbers of DN, 0 or more"));
-    }
     let at = |y: usize, x: usize| levels[y % rows * columns + x % columns];
     // A cell of the pattern meets all levels that lie whole common divisors apart.
     let (down, across) = (common_divisor(rows, height), common_divisor(columns, width));
@@ -317,20 +309,69 @@ fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
     Ok((0..width * height).map(|i| at(i / width, i % width)).collect())
 }
 
+/// Adds to the black level of each cell of the pattern the mean of the deltas of its columns and of
+/// its rows (DNG 1.4: BlackLevel[y][x] + BlackLevelDeltaH[x] + BlackLevelDeltaV[y]). A note says
+/// where deltas within a cell differ, as samples are not changed.
+fn add_deltas(
+    black: &mut [f64],
+    raw: &Ifd,
+    [width, height]: [usize; 2],
+    notes: &mut Vec<String>,
+) -> Result<()> {
+    let axes = [
+        (50715, "BlackLevelDeltaH", "column", width, 0),
+        (50716, "BlackLevelDeltaV", "row", height, 1),
+    ];
+    for (tag, name, line, period, axis) in axes {
+        let deltas = numbers(raw, tag, name)?.unwrap_or_default();
+        if deltas.is_empty() {
+            continue;
+        }
+        let mean = |phase: usize| {
+            let own = deltas.iter().skip(phase % deltas.len()).step_by(period);
+            own.clone().sum::<f64>() / own.count() as f64
+        };
+        let means: Vec<f64> = (0..period).map(mean).collect();
+        for (i, level) in black.iter_mut().enumerate() {
+            *level += means[[i % width, i / width][axis]];
+        }
+        let residual = (0..).zip(&deltas).map(|(i, d)| (d - means[i % period]).abs());
+        let largest = residual.fold(0.0, f64::max);
+        if largest > 0.0 {
+            notes.push(format!(
+                "the file's black level differs from {line} to {line} by up to {largest} DN from \
+                 its mean ({name}): the mean is taken, the samples are as stored"
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn not_negative(black: &[f64]) -> Result<()> {
+    if black.iter().any(|level| *level < 0.0) {
+        return Err(Error::input(format!("black levels {black:?}"))
+            .at("BlackLevel (tag 50714) with its deltas (tags 50715, 50716)")
+            .help("they are numbers of DN, 0 or more"));
+    }
+    Ok(())
+}
+
 fn common_divisor(a: usize, b: usize) -> usize {
     if b == 0 { a } else { common_divisor(b, a % b) }
 }
 
-fn info(main: &Ifd, raw: &Ifd, exif: Option<&Ifd>) -> DngInfo {
+fn info(main: &Ifd, raw: &Ifd, taken_from: &[&Ifd]) -> DngInfo {
     let matrix = |tag: u16| -> Option<[[f64; 3]; 3]> {
         let v: [f64; 9] = main.floats(tag)?.try_into().ok()?;
         Some([[v[0], v[1], v[2]], [v[3], v[4], v[5]], [v[6], v[7], v[8]]])
     };
-    let for_light = |light: u64| {
-        let pairs = [(50721, 50778), (50722, 50779)];
-        pairs.into_iter().find(|p| main.uint(p.1) == Some(light)).and_then(|p| matrix(p.0))
-    };
-    let exif_value = |tag: u16| exif?.floats(tag)?.first().copied();
+    let color_matrices =
+        [(50721, 50778), (50722, 50779)].into_iter().filter_map(|(tag, light)| {
+            let illuminant = main.uint(light).and_then(|v| u16::try_from(v).ok()).unwrap_or(0);
+            Some(ColorMatrix { illuminant, camera_from_xyz: matrix(tag)? })
+        });
+    let carried = CARRIED.into_iter().filter_map(|tag| Some((tag, main.floats(tag)?)));
+    let exif_value = |tag: u16| taken_from.iter().find_map(|d| d.floats(tag)?.first().copied());
     let noise = raw.floats(51041).or_else(|| main.floats(51041)).unwrap_or_default();
     DngInfo {
         make: main.text(271).unwrap_or_default(),
@@ -341,11 +382,11 @@ fn info(main: &Ifd, raw: &Ifd, exif: Option<&Ifd>) -> DngInfo {
         iso: exif_value(34855).map(|v| v as u32),
         f_number: exif_value(33437),
         focal_length_mm: exif_value(37386),
-        color_matrix_a: for_light(17),
-        color_matrix_d65: for_light(21),
+        color_matrices: color_matrices.collect(),
         as_shot_neutral: main.floats(50728).and_then(|v| v.try_into().ok()),
         noise_profile: noise.chunks_exact(2).map(|p| (p[0], p[1])).collect(),
         black_levels_dn: Vec::new(),
+        carried: carried.collect(),
         opcode_list1: Vec::new(),
         opcode_list2: Vec::new(),
     }

@@ -90,7 +90,7 @@ mod tiff_samples;
 pub mod y4m;
 
 use camrig_base::{Error, ErrorCode, Plane, RawFrame, Result};
-pub use dng_info::DngInfo;
+pub use dng_info::{ColorMatrix, DngInfo};
 pub use facts::Facts;
 pub use pixel_format::PixelFormat;
 use std::fmt;

@@ -194,7 +194,7 @@ impl Development {
         let scale = |(letter, black): (&char, &f64)| gain(rgb(*letter)) / (white - black).max(1.0);
         let scale_per_dn = frame.cfa.letters.iter().zip(&black_dn).map(scale).collect();
         let color = frame.cfa.channels() == ['R', 'G', 'B'];
-        let matrix = info.color_matrix_d65.filter(|_| color).and_then(srgb_from_camera);
+        let matrix = info.daylight_matrix().filter(|_| color).and_then(srgb_from_camera);
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         Self { black_dn, scale_per_dn, srgb_from_camera: matrix.unwrap_or(identity) }
     }
@@ -268,7 +268,10 @@ fn srgb_from_camera(camera_from_xyz: Matrix) -> Option<Matrix> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ColorMatrix;
     use camrig_base::Cfa;
+
+    const MATRIX: Matrix = [[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]];
 
     fn frame(cfa: &str, dn: impl Fn(usize, usize, usize) -> f64) -> RawFrame {
         let cfa = Cfa::parse(cfa).unwrap();
@@ -297,7 +300,7 @@ mod tests {
         let neutral = [0.5, 1.0, 0.625];
         let info = DngInfo {
             as_shot_neutral: Some(neutral),
-            color_matrix_d65: Some([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+            color_matrices: vec![ColorMatrix::of_d65(MATRIX)],
             ..DngInfo::default()
         };
         for cfa in ["RGGB", "GBRG", "RRGG/RRGG/GGBB/GGBB"] {
@@ -358,7 +361,8 @@ mod tests {
     #[test]
     fn colours_come_back() {
         let color = [0.6, 0.3, 0.1];
-        let info = DngInfo { color_matrix_d65: inverse(&XYZ_FROM_SRGB), ..DngInfo::default() };
+        let matrix = ColorMatrix::of_d65(inverse(&XYZ_FROM_SRGB).unwrap());
+        let info = DngInfo { color_matrices: vec![matrix], ..DngInfo::default() };
         let raw = frame("RGGB", |_, _, channel| 64.0 + 4000.0 * color[channel]);
         assert_eq!(render(&raw, &info).at(8, 6), color.map(srgb_byte));
     }

@@ -47,8 +47,9 @@ pub struct Taken {
 impl Taken {
     /// What EXIF says (EXIF 2.32: ExposureTime, PhotographicSensitivity). ISO speeds are gains by
     /// the convention that 100 is unity, which is said.
-    pub(super) fn of_exif(exif: &Ifd) -> Self {
-        let first = |tag: u16| exif.floats(tag)?.first().copied();
+    /// Of several directories the first that has a field decides.
+    pub(super) fn of_directories(directories: &[&Ifd]) -> Self {
+        let first = |tag: u16| directories.iter().find_map(|d| d.floats(tag)?.first().copied());
         Self {
             exposure_s: first(33434).map(|s| Said::new(s, "EXIF ExposureTime")),
             analog_gain: first(34855).filter(|iso| *iso > 0.0).map(gain_of_iso),
@@ -56,14 +57,16 @@ impl Taken {
         }
     }
 
-    /// What the EXIF directory of a classic TIFF says; nothing where there is none.
+    /// What the EXIF directory of a TIFF says, or its first directory (TIFF/EP); nothing where
+    /// there are none.
     pub(super) fn of_tiff(bytes: &[u8]) -> Self {
-        let exif = || {
+        let read = || {
             let file = Tiff::open(bytes).ok()?;
             let first = file.ifd(file.first().ok()?).ok()?;
-            file.ifd(first.uint(34665)? as usize).ok()
+            let exif = first.uint(34665).and_then(|at| file.ifd(at as usize).ok());
+            Some(Self::of_directories(&exif.iter().chain([&first]).collect::<Vec<_>>()))
         };
-        exif().map_or_else(Self::default, |exif| Self::of_exif(&exif))
+        read().unwrap_or_default()
     }
 
     /// Fills in a word of camrig's note.

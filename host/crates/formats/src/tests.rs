@@ -30,11 +30,14 @@ fn info() -> DngInfo {
         iso: Some(200),
         f_number: Some(2.8),
         focal_length_mm: Some(3.6),
-        color_matrix_a: Some([[1.1, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.1, 0.25, 0.7]]),
-        color_matrix_d65: Some([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+        color_matrices: vec![
+            ColorMatrix::of_a([[1.1, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.1, 0.25, 0.7]]),
+            ColorMatrix::of_d65([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),
+        ],
         as_shot_neutral: Some([0.5, 1.0, 0.625]),
         noise_profile: vec![(1e-4, 2e-7), (1.1e-4, 2e-7), (1e-4, 3e-7)],
         black_levels_dn: vec![60.0, 61.0, 62.0, 63.5],
+        carried: [(50730, vec![-1.5]), (50727, vec![1.0, 1.0, 1.25])].into(),
         opcode_list1: vec![Opcode::FixBadPixelsList {
             bayer_phase: 1,
             points: vec![(3, 4), (0, 11)],
@@ -212,10 +215,13 @@ fn samples_above_the_white_level_are_kept() {
 #[test]
 fn what_a_dng_reader_does_not_apply_is_said_or_refused() {
     let mut tags = plain_strip(4000);
-    tags.push((50716, 10, 1, 8)); // BlackLevelDeltaV: a fraction of the samples' bytes
-    let data: Vec<u8> = (1..9u16).flat_map(|v| v.to_le_bytes()).collect();
+    tags.push((262, 3, 1, 34892));
+    tags.push((50716, 10, 2, 8)); // BlackLevelDeltaV: the samples as fractions, 10/1 and 20/1
+    let data = [10u16, 0, 1, 0, 20, 0, 1, 0].map(u16::to_le_bytes).concat();
     let frames = decode(&by_hand(4, 2, &data, tags)).unwrap();
-    assert!(frames.facts.notes[0].contains("BlackLevelDelta"), "{:?}", frames.facts.notes);
+    assert_eq!(frames.facts.black_level_dn, Some(15.0));
+    let note = &frames.facts.notes[0];
+    assert!(note.contains("by up to 5 DN") && note.contains("BlackLevelDeltaV"), "{note}");
     for (tag, said) in [
         ((50711, 3, 1, 2), "CFALayout"),
         ((259, 3, 1, 34892), "lossy"),
@@ -350,6 +356,40 @@ fn levels_that_cannot_be_are_refused_or_told() {
     let several = with((50717, 3, 2, 4000 << 16 | 4095)).unwrap().facts;
     assert_eq!(several.white_level_dn, Some(4095));
     assert!(several.notes[0].contains("4000"), "{:?}", several.notes);
+}
+
+/// DNG 1.4: the black level of a pixel is BlackLevel plus the deltas of its column and its row.
+/// Deltas that are the same within each cell of the pattern are levels of the cells.
+#[test]
+fn deltas_of_the_black_level_count() {
+    // Fractions over 1 in the samples' place: 30, 40, 30, 40 of columns, 5, 7 of rows.
+    let (columns, rows) = ([30u16, 40, 30, 40], [5u16, 7]);
+    let fractions = columns.iter().chain(&rows).flat_map(|n| [*n, 0, 1, 0]);
+    let data: Vec<u8> = fractions.flat_map(u16::to_le_bytes).collect();
+    let mut tags = plain_strip(4000);
+    tags.extend([(50714, 3, 1, 100), (50715, 10, 4, 8), (50716, 10, 2, 40)]);
+    let facts = decode(&by_hand(4, 2, &data, tags)).unwrap().facts;
+    let levels = [135.0, 145.0, 137.0, 147.0];
+    assert_eq!(facts.dng.unwrap().black_levels_dn, levels);
+    assert_eq!((facts.black_level_dn, facts.notes), (Some(141.0), vec![]));
+}
+
+/// TIFF/EP has ExposureTime and ISO in the main directory; DNG allows one matrix, for any light.
+#[test]
+fn small_writers_put_exposure_and_one_matrix_into_the_main_directory() {
+    let data = [1u16, 0, 100, 0, 0, 0, 0, 0].map(u16::to_le_bytes).concat();
+    let mut tags = plain_strip(4000);
+    tags.extend([(33434, 5, 1, 8), (34855, 3, 1, 200)]);
+    let facts = decode(&by_hand(4, 2, &data, tags)).unwrap().facts;
+    assert_eq!(facts.taken.exposure_s, Some(Said::new(0.01, "EXIF ExposureTime")));
+    assert_eq!(facts.taken.analog_gain.map(|said| said.value), Some(2.0));
+    assert_eq!(facts.dng.map(|info| (info.exposure_s, info.iso)), Some((Some(0.01), Some(200))));
+
+    let matrix = ColorMatrix { illuminant: 20, ..info().color_matrices[0] };
+    let carried = [(50729, vec![0.3125, 0.3375]), (50730, vec![-1.5])].into();
+    let one = DngInfo { color_matrices: vec![matrix], carried, ..DngInfo::default() };
+    let back = decode(&dng::encode(&frame(12, 10, 12, "RGGB"), &one).unwrap()).unwrap();
+    assert_eq!(back.facts.dng, Some(one));
 }
 
 /// Signed samples are read where none is negative; floats are not DN.

@@ -5,7 +5,7 @@ use camrig_base::Result;
 use camrig_base::Spectrum;
 use camrig_camera::{Camera, KeptNoise, LensKind};
 use camrig_exposure::CubeHeader;
-use camrig_formats::{DngInfo, color};
+use camrig_formats::{ColorMatrix, DngInfo, color};
 use camrig_light::{Illuminant, photometry};
 use camrig_scene::chart::colorchecker;
 use camrig_sensor_core::config::FrameSettings;
@@ -46,8 +46,8 @@ pub fn dng_info(
             let light = Illuminant::parse(name)?;
             color::fit(&sensitivity, &light.power, &xyz, &reflectances).map(|f| f.camera_from_xyz)
         };
-        info.color_matrix_a = Some(matrix("A")?);
-        info.color_matrix_d65 = Some(matrix("D65")?);
+        info.color_matrices =
+            vec![ColorMatrix::of_a(matrix("A")?), ColorMatrix::of_d65(matrix("D65")?)];
         if let Some(light) = light {
             info.as_shot_neutral = Some(color::neutral(&sensitivity, &light.power)?);
         }

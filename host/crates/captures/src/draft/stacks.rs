@@ -247,7 +247,9 @@ impl Scale {
         let black = self.black.unwrap_or(0.0);
         let (first, second) = (a.0.levels.mean - black, b.0.levels.mean - black);
         let jump = (first - second).abs();
-        let same_level = jump <= MAX_LEVEL_CHANGE * first.abs().max(second.abs())
+        // Nothing but exposure, gain and temperature tells darks apart.
+        let same_level = a.1.role.is(&Role::Dark)
+            || jump <= MAX_LEVEL_CHANGE * first.abs().max(second.abs())
             || jump <= MAX_DARK_SHARE * (self.white - black);
         let same_temperature = match (a.1.temperature_c.value, b.1.temperature_c.value) {
             (Some(a), Some(b)) => (a - b).abs() <= MAX_TEMPERATURE_CHANGE,
