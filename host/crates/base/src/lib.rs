@@ -67,6 +67,7 @@ mod table_quantity;
 pub mod tails;
 pub mod toml_text;
 pub mod unit;
+mod value;
 
 pub use cfa::Cfa;
 pub use error::{Error, ErrorKind, Result};
@@ -76,3 +77,4 @@ pub use natural_order::natural_order;
 pub use plane::Plane;
 pub use sample::Sample;
 pub use spectrum::{Bands, Outside, Spectrum, integral_of_product, weighted_means};
+pub use value::Value;

@@ -1,8 +1,8 @@
 //! A shape that no effect of the catalogue describes: what it is, how much and where, as figures
 //! and in words. [`crate::shapes`] finds it.
 
-use crate::evidence::Estimated;
 use crate::report::{Dependence, Domain, Form, Shown};
+use camrig_base::Value;
 
 /// A shape that was found.
 #[derive(Clone, Debug)]
@@ -14,7 +14,7 @@ pub struct Finding {
     /// How its amount depends on the conditions.
     pub dependence: Dependence,
     /// Figures by key, with the unit at its end.
-    pub parameters: Vec<(&'static str, Estimated)>,
+    pub parameters: Vec<(&'static str, Value)>,
     /// Twice the gain in log-likelihood of the frames to fit and of the held-out frames.
     pub evidence: [f64; 2],
     /// In words, with units.
@@ -34,13 +34,13 @@ impl Finding {
 }
 
 /// A value with its standard error, to two digits of the error.
-pub fn number(e: Estimated) -> String {
-    let digits = match libm::log10(e.se).floor() {
+pub fn number(e: Value) -> String {
+    let digits = match libm::log10(e.std_error).floor() {
         power if power.is_finite() => (1.0 - power).clamp(0.0, 12.0) as usize,
         _ => 3,
     };
-    match e.se.is_finite() {
-        true => format!("{:.digits$} ± {:.digits$}", e.value, e.se),
+    match e.std_error.is_finite() {
+        true => format!("{:.digits$} ± {:.digits$}", e.value, e.std_error),
         false => format!("{:.digits$}", e.value),
     }
 }

@@ -2,7 +2,8 @@
 //! shortest exposure, in which no charge is left to speak of.
 
 use super::robust::{Sorted, clip, clipped_mean, mad_sd, mean, trigamma, variance};
-use super::{Estimate, Sites, Stack};
+use super::{Sites, Stack};
+use camrig_base::Value;
 use camrig_base::tails::{chi_square, median_of_squares};
 
 /// Variance that rounding to whole DN adds, DN².
@@ -19,34 +20,34 @@ const CLIP: f64 = 4.0;
 #[non_exhaustive]
 pub struct Bias {
     /// Black level of each site, DN: the mean over pixels, clipped.
-    pub black_by_site: Vec<Estimate>,
+    pub black_by_site: Vec<Value>,
     /// Variance over frames of the offset of a site from its frame; none of a monochrome sensor.
-    pub frame_site_variance: Option<Estimate>,
+    pub frame_site_variance: Option<Value>,
     /// Offsets of the sites in each frame, DN.
     pub frame_site_offsets: Vec<Vec<f64>>,
     /// Variance of row offsets that all columns share.
-    pub row_variance: Estimate,
+    pub row_variance: Value,
     /// Variance of row offsets of opposite sign in even and odd columns.
-    pub opposite_row_variance: Estimate,
+    pub opposite_row_variance: Value,
     /// Standard error of both row variances where there are none.
     pub row_variance_null: f64,
     /// Variance of column offsets that change from frame to frame.
-    pub column_variance: Estimate,
+    pub column_variance: Value,
     /// Variance of frame offsets.
-    pub frame_variance: Estimate,
+    pub frame_variance: Value,
     /// Drift of the level, DN per frame.
-    pub drift: Estimate,
+    pub drift: Value,
     /// Temporal variance of the median pixel, without that of rounding.
-    pub read_noise_variance: Estimate,
+    pub read_noise_variance: Value,
     /// The same for each site.
-    pub read_noise_variance_by_site: Vec<Estimate>,
+    pub read_noise_variance_by_site: Vec<Value>,
     /// Mean of the pixels' temporal variances, noisy pixels included, without that of rounding.
-    pub mean_variance: Estimate,
+    pub mean_variance: Value,
     /// Standard deviation over pixels of the logarithm of the read noise: from the lower half, so
     /// that noisy pixels do not count.
-    pub read_noise_spread: Estimate,
+    pub read_noise_spread: Value,
     /// Share of pixels whose variance departs by six deviations from the median's.
-    pub noisy_share: Estimate,
+    pub noisy_share: Value,
     /// Variance of the offset pattern: of single pixels, of columns, of rows.
     pub pattern: Pattern,
     pub(crate) map: Vec<f64>,
@@ -60,11 +61,11 @@ pub struct Bias {
 #[derive(Clone, Copy, Debug)]
 pub struct Pattern {
     /// Of single pixels.
-    pub pixels: Estimate,
+    pub pixels: Value,
     /// Of whole columns.
-    pub columns: Estimate,
+    pub columns: Value,
     /// Of whole rows.
-    pub rows: Estimate,
+    pub rows: Value,
 }
 
 /// The temporal part of a stack, split into offsets of frames and sites, of rows, and what is left
@@ -136,7 +137,7 @@ impl Temporal {
 
     /// Variance of row offsets, alike and opposite in even and odd columns, from the mean square V
     /// of row means and the mean product C of both: (V + C) / 2 and (V − C) / 2.
-    fn row_variances(&self, pixel_variance: f64) -> [Estimate; 2] {
+    fn row_variances(&self, pixel_variance: f64) -> [Value; 2] {
         let from_pixels = pixel_variance / (0.5 * self.width as f64);
         let scale = self.over_dof() / self.frames as f64;
         let of = |sign: f64| {
@@ -154,7 +155,7 @@ impl Temporal {
         [of(1.0), of(-1.0)]
     }
 
-    fn column_variance(&self, pixel_variance: f64) -> Estimate {
+    fn column_variance(&self, pixel_variance: f64) -> Value {
         let scale = self.over_dof() / self.frames as f64;
         let of_column = |x: usize| {
             let squares = self.rest.iter().map(|frame| {
@@ -166,7 +167,7 @@ impl Temporal {
         mean(&(0..self.width).map(of_column).collect::<Vec<_>>())
     }
 
-    fn frame_site_variance(&self, sites: Sites) -> Option<Estimate> {
+    fn frame_site_variance(&self, sites: Sites) -> Option<Value> {
         let (n, count) = (self.frames as f64, sites.count() as f64);
         if sites.count() == 1 {
             return None;
@@ -182,7 +183,7 @@ impl Temporal {
         let total = (0..sites.count()).map(of_site).sum::<f64>() / (count - 1.0);
         let from_pixels = self.mean_square * count / (self.width * self.height) as f64;
         let dof = (count - 1.0) * (n - 1.0);
-        Some(Estimate { value: total - from_pixels, error: total * (2.0 / dof).sqrt() })
+        Some(Value { value: total - from_pixels, std_error: total * (2.0 / dof).sqrt() })
     }
 }
 
@@ -207,17 +208,17 @@ impl Bias {
             all_pixels.value / (0.5 * width as f64) * (0.5 / (height as f64 * (n - 1.0))).sqrt();
         let levels: Vec<f64> = (0..frames).map(|i| mean(&stack.values(i)).value).collect();
         let spread = variance(&levels);
-        let frame_variance = Estimate {
+        let frame_variance = Value {
             value: spread
                 - all_pixels.value / pixels
                 - row_variance.value.max(0.0) / height as f64,
-            error: spread * (2.0 / (n - 1.0)).sqrt(),
+            std_error: spread * (2.0 / (n - 1.0)).sqrt(),
         };
         let variance_sorted = Sorted::new(pixel_variance.iter().copied());
         let of_median = |sorted: &Sorted| {
-            let Estimate { value, error } = sorted.estimate(0.5);
+            let Value { value, std_error } = sorted.estimate(0.5);
             let median = median_of_squares(n - 1.0);
-            Estimate { value: value / median - ROUNDING, error: error / median }
+            Value { value: value / median - ROUNDING, std_error: std_error / median }
         };
         let read_noise_variance = of_median(&variance_sorted);
         let median_variance = read_noise_variance.value + ROUNDING;
@@ -240,9 +241,9 @@ impl Bias {
                 .into_iter()
                 .map(|v| of_median(&Sorted::new(v)))
                 .collect(),
-            mean_variance: Estimate { value: all_pixels.value - ROUNDING, ..all_pixels },
+            mean_variance: Value { value: all_pixels.value - ROUNDING, ..all_pixels },
             read_noise_spread: spread_of_noise(&pixel_variance, n - 1.0),
-            noisy_share: Estimate { value: noisy / pixels, error: (noisy + 1.0).sqrt() / pixels },
+            noisy_share: Value { value: noisy / pixels, std_error: (noisy + 1.0).sqrt() / pixels },
             pattern: pattern(stack, sites),
             frame_site_offsets: temporal.site_offsets,
             map,
@@ -256,7 +257,7 @@ impl Bias {
 
 /// The level of each site of a stack, DN: the clipped mean over its pixels, with an error from the
 /// pixels and from the frames.
-pub fn levels_by_site(stack: &Stack, sites: Sites) -> Vec<Estimate> {
+pub fn levels_by_site(stack: &Stack, sites: Sites) -> Vec<Value> {
     let width = stack.size().0;
     let (map, _) = stack.mean_map(|_, _| true);
     let of_frame = |i: usize| -> Vec<f64> {
@@ -267,13 +268,16 @@ pub fn levels_by_site(stack: &Stack, sites: Sites) -> Vec<Estimate> {
     let of_site = |(site, values)| {
         let pixels = clipped_mean(values, CLIP);
         let over_frames = mean(&frames.iter().map(|f: &Vec<f64>| f[site]).collect::<Vec<_>>());
-        Estimate { value: pixels.value, error: libm::hypot(pixels.error, over_frames.error) }
+        Value {
+            value: pixels.value,
+            std_error: libm::hypot(pixels.std_error, over_frames.std_error),
+        }
     };
     sites.split(&map, width).into_iter().enumerate().map(of_site).collect()
 }
 
 /// Slope over the index, its error from the scatter about the line.
-fn slope(levels: &[f64]) -> Estimate {
+fn slope(levels: &[f64]) -> Value {
     let n = levels.len() as f64;
     let middle = 0.5 * (n - 1.0);
     let centre = mean(levels).value;
@@ -282,18 +286,21 @@ fn slope(levels: &[f64]) -> Estimate {
     let value =
         levels.iter().enumerate().map(|(i, v)| at(i) * (v - centre)).sum::<f64>() / squares;
     let rest = levels.iter().enumerate().map(|(i, v)| (v - centre - value * at(i)).powi(2));
-    let error = (rest.sum::<f64>() / (n - 2.0).max(1.0) / squares).sqrt();
-    Estimate { value, error }
+    let std_error = (rest.sum::<f64>() / (n - 2.0).max(1.0) / squares).sqrt();
+    Value { value, std_error }
 }
 
 /// Standard deviation over pixels of ln σ: half that of the logarithm of their variances, less
 /// what a sample of `dof` degrees of freedom scatters by.
-fn spread_of_noise(variances: &[f64], dof: f64) -> Estimate {
+fn spread_of_noise(variances: &[f64], dof: f64) -> Value {
     /// Least variance whose logarithm is taken, DN².
     const LEAST: f64 = 1e-3;
     let width = Sorted::new(variances.iter().map(|v| libm::log(v.max(LEAST)))).lower_sd();
     let own = (width.value.powi(2) - trigamma(0.5 * dof)).max(0.0).sqrt();
-    Estimate { value: 0.5 * own, error: 0.5 * width.error * width.value / own.max(width.error) }
+    Value {
+        value: 0.5 * own,
+        std_error: 0.5 * width.std_error * width.value / own.max(width.std_error),
+    }
 }
 
 /// The fixed pattern by the products of the means of even and odd frames, in which noise does not
@@ -329,7 +336,7 @@ fn pattern(stack: &Stack, sites: Sites) -> Pattern {
     };
     let lines = |means: [Vec<f64>; 2], length: usize| {
         let product = mean(&products(&means));
-        Estimate { value: product.value - all / length as f64, ..product }
+        Value { value: product.value - all / length as f64, ..product }
     };
     let rows = lines([row_means(&halves[0]), row_means(&halves[1])], width);
     let columns = lines([column_means(&halves[0]), column_means(&halves[1])], height);

@@ -4,7 +4,8 @@
 use super::bias::Bias;
 use super::robust::{Sorted, clipped_mean, mean, median, variance};
 use super::torn::{Torn, holds};
-use super::{Estimate, Sites, Stack};
+use super::{Sites, Stack};
+use camrig_base::Value;
 use camrig_base::tails::chi_square;
 
 /// Gain that is assumed where no flat stack tells it: only weights depend on it, DN per electron.
@@ -14,28 +15,25 @@ const HOT: f64 = 6.0;
 /// Robust standard deviations at which maps are clipped.
 const CLIP: f64 = 3.0;
 
-/// The mean maps of the exposed dark stacks, without torn rows.
-pub(crate) struct Exposed {
-    width: usize,
-    stacks: Vec<Mean>,
-}
-
-struct Mean {
-    exposure_s: f64,
+/// A dark stack with its mean map, in which torn rows do not count.
+pub(crate) struct Dark<'a> {
+    pub stack: &'a Stack,
+    torn: &'a [Torn],
     /// NaN in rows of which no frame is left.
-    map: Vec<f64>,
+    pub map: Vec<f64>,
     /// Frames left of each row.
-    counts: Vec<usize>,
+    pub counts: Vec<usize>,
 }
 
-impl Exposed {
-    /// Of those with an exposure above 0.
-    pub(crate) fn read(darks: &[&Stack], torn: &[Torn]) -> Self {
-        let stacks = darks.iter().filter(|s| s.exposure_s > 0.0).map(|stack| {
-            let (map, counts) = stack.mean_map(holds(torn, stack));
-            Mean { exposure_s: stack.exposure_s, map, counts }
-        });
-        Self { width: darks.first().map_or(0, |s| s.size().0), stacks: stacks.collect() }
+impl<'a> Dark<'a> {
+    pub(crate) fn read(stack: &'a Stack, torn: &'a [Torn]) -> Self {
+        let (map, counts) = stack.mean_map(holds(torn, stack));
+        Self { stack, torn, map, counts }
+    }
+
+    /// For which frames and rows the stated exposure holds.
+    pub(crate) fn holds(&self) -> impl Fn(usize, usize) -> bool + Copy {
+        holds(self.torn, self.stack)
     }
 }
 
@@ -44,23 +42,23 @@ impl Exposed {
 #[non_exhaustive]
 pub struct DarkCurrent {
     /// Of the median pixel.
-    pub median: Estimate,
+    pub median: Value,
     /// Of the mean over pixels, hot ones included.
-    pub mean: Estimate,
+    pub mean: Value,
     /// Of the mean over pixels, clipped.
-    pub clipped_mean: Estimate,
+    pub clipped_mean: Value,
     /// Of the median pixel at each site.
-    pub median_by_site: Vec<Estimate>,
+    pub median_by_site: Vec<Value>,
     /// Variance over pixels, from the lower half.
-    pub pattern_variance: Estimate,
+    pub pattern_variance: Value,
     /// Rate from which a pixel is hot.
     pub hot_threshold: f64,
     /// Share of hot pixels.
-    pub hot_share: Estimate,
+    pub hot_share: Value,
     /// Mean rate of hot pixels above the threshold; none of three or fewer.
-    pub hot_excess: Option<Estimate>,
+    pub hot_excess: Option<Value>,
     /// Level of the lines at exposure 0, less the bias, DN.
-    pub intercept_above_bias: Estimate,
+    pub intercept_above_bias: Value,
     pub(crate) rates: Vec<f64>,
 }
 
@@ -68,27 +66,29 @@ impl DarkCurrent {
     /// A weighted line over exposure with a free intercept through the mean maps of each pixel;
     /// none of fewer than two exposed stacks.
     pub(crate) fn of(
-        exposed: &Exposed,
+        darks: &[Dark<'_>],
         bias: &Bias,
         sites: Sites,
         dn_per_e: Option<f64>,
     ) -> Option<Self> {
-        if exposed.stacks.len() < 2 {
+        let exposed: Vec<&Dark<'_>> = darks.iter().filter(|d| d.stack.exposure_s > 0.0).collect();
+        if exposed.len() < 2 {
             return None;
         }
         let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
-        let width = exposed.width;
-        let noise = |stack: &Mean| {
-            let charge = stack.map.iter().zip(&bias.map).map(|(m, b)| m - b);
+        let width = exposed[0].stack.size().0;
+        let noise = |dark: &&Dark<'_>| {
+            let charge = dark.map.iter().zip(&bias.map).map(|(m, b)| m - b);
             let known: Vec<f64> = charge.filter(|v| !v.is_nan()).collect();
             bias.clipped_variance + gain * clipped_mean(known, CLIP).value.max(0.0)
         };
-        let noises: Vec<f64> = exposed.stacks.iter().map(noise).collect();
+        let noises: Vec<f64> = exposed.iter().map(noise).collect();
         let (mut rates, mut intercepts, mut variances) = (Vec::new(), Vec::new(), Vec::new());
         for p in 0..bias.map.len() {
-            let points = exposed.stacks.iter().zip(&noises).filter(|(s, _)| !s.map[p].is_nan());
-            let points = points
-                .map(|(s, noise)| (s.exposure_s, s.map[p], s.counts[p / width] as f64 / noise));
+            let points = exposed.iter().zip(&noises).filter(|(s, _)| !s.map[p].is_nan());
+            let points = points.map(|(s, noise)| {
+                (s.stack.exposure_s, s.map[p], s.counts[p / width] as f64 / noise)
+            });
             let (w, wt, wm) = points
                 .clone()
                 .fold((0.0, 0.0, 0.0), |(w, wt, wm), (t, m, k)| (w + k, wt + k * t, wm + k * m));
@@ -115,12 +115,12 @@ impl DarkCurrent {
             mean: mean(&rates),
             clipped_mean: clipped_mean(rates.clone(), CLIP),
             median_by_site: by_site.map(|r| Sorted::new(r).estimate(0.5)).collect(),
-            pattern_variance: Estimate {
+            pattern_variance: Value {
                 value: (core.value.powi(2) - own).max(0.0),
-                error: 2.0 * core.value * core.error,
+                std_error: 2.0 * core.value * core.std_error,
             },
             hot_threshold,
-            hot_share: Estimate { value: count / pixels, error: count.max(1.0).sqrt() / pixels },
+            hot_share: Value { value: count / pixels, std_error: count.max(1.0).sqrt() / pixels },
             hot_excess: (hot.len() > 3).then(|| mean(&excess)),
             intercept_above_bias: clipped_mean(intercepts, CLIP),
             rates,
@@ -144,28 +144,30 @@ pub struct FrameOffsets {
 
 impl FrameOffsets {
     /// Of the frames that are not torn; none where no stack has two of them.
-    pub(crate) fn of(
-        darks: &[&Stack],
-        torn: &[Torn],
-        bias: &Bias,
-        dn_per_e: Option<f64>,
-    ) -> Option<Self> {
+    pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, dn_per_e: Option<f64>) -> Option<Self> {
         let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
-        let (width, height) = darks.first()?.size();
+        let (width, height) = darks.first()?.stack.size();
         let (mut dof, mut ratio, mut beyond) = (0.0, 0.0, 0.0);
-        for stack in darks {
+        for Dark { stack, torn, map, .. } in darks {
             let whole = |i: &usize| !torn.iter().any(|t| t.stack == stack.id && t.frame == *i);
             let frames: Vec<usize> = (0..stack.frames.len()).filter(whole).collect();
             if frames.len() < 2 {
                 continue;
             }
-            let (map, _) = stack.mean_map(|i, _| frames.contains(&i));
             let level = |i: &usize| {
-                let rest = stack.values(*i).iter().zip(&map).map(|(v, m)| v - m).collect();
+                let rest = stack
+                    .values(*i)
+                    .iter()
+                    .zip(map)
+                    .map(|(v, m)| v - m)
+                    .filter(|v| !v.is_nan())
+                    .collect();
                 clipped_mean(rest, 4.0).value
             };
             let offsets = variance(&frames.iter().map(level).collect::<Vec<_>>());
-            let charge = (median(map) - median(bias.map.clone())).max(0.0);
+            let charge = (median(map.iter().copied().filter(|v| !v.is_nan()).collect())
+                - median(bias.map.clone()))
+            .max(0.0);
             let pixels = bias.clipped_variance + gain * charge;
             let expected = pixels / (width * height) as f64
                 + bias.row_variance.value.max(0.0) / height as f64;

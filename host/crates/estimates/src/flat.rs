@@ -2,7 +2,8 @@
 
 use super::bias::Bias;
 use super::robust::{clip, jackknife, mad_sd, mean, median};
-use super::{Estimate, Sites, Stack};
+use super::{Sites, Stack};
+use camrig_base::Value;
 use camrig_linear::{Matrix, inverse};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -27,11 +28,11 @@ pub struct Flat {
     /// The strongest frequency over rows.
     pub flicker: Flicker,
     /// Standard deviation of the logarithm of the light from frame to frame.
-    pub frame_sd: Estimate,
+    pub frame_sd: Value,
     /// Gain and PRNU of each site.
     pub sites: Vec<Site>,
     /// Correlation of the gain of neighbours: to the right, below, two to the right, two below.
-    pub gain_correlation: [Estimate; 4],
+    pub gain_correlation: [Value; 4],
     /// Columns whose gain departs from that of their neighbours.
     pub defective_columns: Vec<usize>,
 }
@@ -43,18 +44,18 @@ pub struct Flicker {
     pub power_ratio: f64,
     /// Cycles per row, and amplitude relative to the mean after integration over the exposure; not
     /// fitted where nothing stands out.
-    pub fit: Option<[Estimate; 2]>,
+    pub fit: Option<[Value; 2]>,
 }
 
 /// Of the pixels at one site.
 #[derive(Clone, Copy, Debug)]
 pub struct Site {
     /// Level above black, DN.
-    pub level: Estimate,
+    pub level: Value,
     /// Temporal variance over the level, without the read noise: DN per electron.
-    pub gain: Estimate,
+    pub gain: Value,
     /// Variance over pixels of the relative gain, without what is smooth over nine pixels.
-    pub prnu_variance: Estimate,
+    pub prnu_variance: Value,
 }
 
 impl Flat {
@@ -84,7 +85,7 @@ impl Flat {
         let whole_product = mean(&products(0, 0)).value.max(1e-9);
         let correlation = |(dx, dy)| {
             let lag = mean(&products(dx, dy));
-            Estimate { value: lag.value / whole_product, error: lag.error / whole_product }
+            Value { value: lag.value / whole_product, std_error: lag.std_error / whole_product }
         };
         let used = |x: usize| !defective_columns.contains(&x);
         let by_site = maps.iter().enumerate().map(|(s, maps)| {
@@ -96,16 +97,16 @@ impl Flat {
             Site {
                 level: maps.level,
                 gain: maps.gain(bias.clipped_variance),
-                prnu_variance: Estimate {
+                prnu_variance: Value {
                     value: product.value / kept,
-                    error: product.error / kept,
+                    std_error: product.std_error / kept,
                 },
             }
         });
         Self {
             stack: stack.id.clone(),
             flicker: Flicker::of(&lines),
-            frame_sd: Estimate { value: frame_sd, error: frame_sd / (2.0 * (n - 1.0)).sqrt() },
+            frame_sd: Value { value: frame_sd, std_error: frame_sd / (2.0 * (n - 1.0)).sqrt() },
             sites: by_site.collect(),
             gain_correlation: [(1, 0), (0, 1), (2, 0), (0, 2)].map(correlation),
             defective_columns,
@@ -156,8 +157,8 @@ impl Flicker {
             let left_out: Vec<[f64; 2]> = (0..lines.len()).into_par_iter().map(without).collect();
             let error = |figure: usize| jackknife(lines.len(), |i| left_out[i][figure]);
             [
-                Estimate { value: frequency, error: error(0) },
-                Estimate { value: depth, error: error(1) },
+                Value { value: frequency, std_error: error(0) },
+                Value { value: depth, std_error: error(1) },
             ]
         });
         Self { power_ratio, fit }
@@ -237,7 +238,7 @@ fn amplitudes(lines: &[&Vec<f64>], frequency: f64) -> (f64, f64) {
 /// The pixels of one site.
 struct SiteMaps {
     width: usize,
-    level: Estimate,
+    level: Value,
     /// Temporal variance over the level, for each pixel.
     variance_ratio: Vec<f64>,
     mean_level: f64,
@@ -303,7 +304,10 @@ impl SiteMaps {
         };
         Self {
             width: columns,
-            level: Estimate { value: mean_level, error: mean_level * mean(&frame_means).error },
+            level: Value {
+                value: mean_level,
+                std_error: mean_level * mean(&frame_means).std_error,
+            },
             variance_ratio,
             mean_level: mean(&average.iter().map(|v| v.max(1.0)).collect::<Vec<_>>()).value,
             gains: [relative(gain_of(|i| i % 2 == 0)), relative(gain_of(|i| i % 2 == 1))],
@@ -311,11 +315,11 @@ impl SiteMaps {
     }
 
     /// Noisy pixels count with six times the median at most.
-    fn gain(&self, read_variance: f64) -> Estimate {
+    fn gain(&self, read_variance: f64) -> Value {
         let most = 6.0 * median(self.variance_ratio.clone());
         let kept: Vec<f64> = self.variance_ratio.iter().map(|v| v.min(most)).collect();
-        let Estimate { value, error } = mean(&kept);
-        Estimate { value: value - read_variance / self.mean_level, error }
+        let Value { value, std_error } = mean(&kept);
+        Value { value: value - read_variance / self.mean_level, std_error }
     }
 }
 

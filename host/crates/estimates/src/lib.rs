@@ -55,40 +55,9 @@ pub mod torn;
 pub use camrig_base as base;
 pub use stack::{Sites, Stack};
 
-use camrig_base::{Error, Result};
+use camrig_base::{Error, Result, Value};
 use camrig_captures::Role;
-
-/// A figure with its standard error, both in the same unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    /// The figure.
-    pub value: f64,
-    /// One standard error.
-    pub error: f64,
-}
-
-impl Estimate {
-    /// By how many standard errors the figure departs from `expected`.
-    pub fn deviation_from(&self, expected: f64) -> f64 {
-        (self.value - expected) / self.error
-    }
-
-    /// The square root, for a variance of which a standard deviation is wanted; 0 of a negative
-    /// one.
-    pub fn sqrt(&self) -> Self {
-        let value = self.value.max(0.0).sqrt();
-        Self { value, error: (self.value + self.error).max(0.0).sqrt() - value }
-    }
-
-    /// The mean of several, weighted by their errors.
-    pub fn weighted_mean(of: impl IntoIterator<Item = Self>) -> Option<Self> {
-        let (sum, weight) = of.into_iter().fold((0.0, 0.0), |(sum, weight), e| {
-            let w = e.error.powi(-2);
-            (sum + w * e.value, weight + w)
-        });
-        (weight > 0.0).then(|| Self { value: sum / weight, error: weight.sqrt().recip() })
-    }
-}
+use rayon::prelude::*;
 
 /// What the stacks of one gain show.
 #[derive(Clone, Debug)]
@@ -101,7 +70,7 @@ pub struct Estimates {
     /// Of each flat stack.
     pub flats: Vec<flat::Flat>,
     /// DN per electron: the mean over flat stacks and sites.
-    pub gain: Option<Estimate>,
+    pub gain: Option<Value>,
     /// Of the dark stacks over exposure.
     pub dark_current: Option<dark::DarkCurrent>,
     /// Offsets from frame to frame, pooled over the dark stacks.
@@ -130,12 +99,13 @@ pub fn estimate(stacks: &[Stack], sites: Sites) -> Result<Estimates> {
     let bias = bias::Bias::of(shortest, sites);
     let flat_stacks = stacks.iter().filter(|s| s.role == Role::Flat && s.frames.len() >= 2);
     let flats: Vec<flat::Flat> = flat_stacks.map(|s| flat::Flat::of(s, &bias, sites)).collect();
-    let gain = Estimate::weighted_mean(flats.iter().flat_map(|f| f.sites.iter().map(|s| s.gain)));
-    let exposed = dark::Exposed::read(&darks, &torn);
+    let gain = Value::combine(flats.iter().flat_map(|f| f.sites.iter().map(|s| s.gain)));
+    let darks: Vec<dark::Dark<'_>> =
+        darks.par_iter().map(|stack| dark::Dark::read(stack, &torn)).collect();
     let dn_per_e = gain.map(|g| g.value);
-    let dark_current = dark::DarkCurrent::of(&exposed, &bias, sites, dn_per_e);
-    let frame_offsets = dark::FrameOffsets::of(&darks, &torn, &bias, dn_per_e);
-    let telegraph = telegraph::Telegraph::of(&darks, &torn, &bias, dn_per_e);
+    let dark_current = dark::DarkCurrent::of(&darks, &bias, sites, dn_per_e);
+    let frame_offsets = dark::FrameOffsets::of(&darks, &bias, dn_per_e);
+    let telegraph = telegraph::Telegraph::of(&darks, &bias, dn_per_e);
     Ok(Estimates { torn, bias, flats, gain, dark_current, frame_offsets, telegraph })
 }
 

@@ -1,6 +1,6 @@
 //! Statistics that a few extreme pixels do not rule, with their standard errors.
 
-use super::Estimate;
+use camrig_base::Value;
 use camrig_base::median::SD_PER_MAD;
 
 /// The median: of an even number of values the mean of the two in the middle, of none NaN.
@@ -33,23 +33,23 @@ pub fn clip(values: &mut [f64], sds: f64) {
 }
 
 /// Mean of the values clipped at `sds` robust standard deviations, and its standard error.
-pub fn clipped_mean(mut values: Vec<f64>, sds: f64) -> Estimate {
+pub fn clipped_mean(mut values: Vec<f64>, sds: f64) -> Value {
     clip(&mut values, sds);
     mean(&values)
 }
 
 /// Mean and its standard error.
-pub fn mean(values: &[f64]) -> Estimate {
+pub fn mean(values: &[f64]) -> Value {
     let n = values.len() as f64;
     let value = values.iter().sum::<f64>() / n;
     let variance = values.iter().map(|v| (v - value).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    Estimate { value, error: (variance / n).sqrt() }
+    Value { value, std_error: (variance / n).sqrt() }
 }
 
 /// Variance with n − 1 degrees of freedom.
 pub fn variance(values: &[f64]) -> f64 {
     let n = values.len() as f64;
-    (mean(values).error).powi(2) * n
+    (mean(values).std_error).powi(2) * n
 }
 
 /// Values in ascending order, whose quantiles are asked for.
@@ -77,26 +77,26 @@ impl Sorted {
 
     /// A quantile with its standard error from the order statistics on both sides, whose rank is
     /// binomial: no law of the values is assumed.
-    pub fn estimate(&self, p: f64) -> Estimate {
+    pub fn estimate(&self, p: f64) -> Value {
         let n = self.0.len() as f64;
         let (rank, sd) = (p * (n - 1.0), (n * p * (1.0 - p)).sqrt());
         let error = 0.5 * (self.at(rank + sd) - self.at(rank - sd));
-        Estimate { value: self.at(rank), error }
+        Value::new(self.at(rank), error)
     }
 
     /// Standard deviation of a normal law from the distance between the lower quartile and the
     /// median, so that a tail above does not rule, with its standard error.
-    pub fn lower_sd(&self) -> Estimate {
+    pub fn lower_sd(&self) -> Value {
         /// Φ⁻¹(3/4).
         const QUARTILE: f64 = 0.674_489_75;
         /// Correlation of the lower quartile and the median over samples: √(¼·½ / (½·¾)).
         const CORRELATION: f64 = 0.577_350_3;
         let (low, middle) = (self.estimate(0.25), self.estimate(0.5));
-        let variance = low.error.powi(2) + middle.error.powi(2)
-            - 2.0 * CORRELATION * low.error * middle.error;
-        Estimate {
+        let variance = low.std_error.powi(2) + middle.std_error.powi(2)
+            - 2.0 * CORRELATION * low.std_error * middle.std_error;
+        Value {
             value: (middle.value - low.value) / QUARTILE,
-            error: variance.max(0.0).sqrt() / QUARTILE,
+            std_error: variance.max(0.0).sqrt() / QUARTILE,
         }
     }
 }
@@ -135,15 +135,15 @@ mod tests {
         let sorted = Sorted::new(values.iter().copied());
         let median = sorted.estimate(0.5);
         // √(π/2) / √n
-        assert!((median.error / 3.963e-3 - 1.0).abs() < 0.1, "{median:?}");
-        assert!(median.value.abs() < 4.0 * median.error);
+        assert!((median.std_error / 3.963e-3 - 1.0).abs() < 0.1, "{median:?}");
+        assert!(median.value.abs() < 4.0 * median.std_error);
         let sd = sorted.lower_sd();
-        assert!((sd.value - 1.0).abs() < 4.0 * sd.error && sd.error < 0.01, "{sd:?}");
+        assert!((sd.value - 1.0).abs() < 4.0 * sd.std_error && sd.std_error < 0.01, "{sd:?}");
         let kept = jackknife(values.len().min(200), |i| {
             let rest = values[..200].iter().enumerate().filter(|(k, _)| *k != i).map(|(_, v)| v);
             rest.sum::<f64>() / 199.0
         });
-        assert!((kept / mean(&values[..200]).error - 1.0).abs() < 1e-9);
+        assert!((kept / mean(&values[..200]).std_error - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -6,10 +6,9 @@
 //! v ∝ t²ᵖ is fitted over the exposure t: p = 0 of the read-out, p = 1 of the dark current.
 
 use super::bias::Bias;
-use super::dark::ASSUMED_GAIN;
+use super::dark::{ASSUMED_GAIN, Dark};
 use super::robust::{Sorted, clipped_mean, jackknife, mean, median};
-use super::torn::{Torn, holds};
-use super::{Estimate, Stack};
+use camrig_base::Value;
 use camrig_base::tails::chi_square;
 use rayon::prelude::*;
 
@@ -27,13 +26,13 @@ pub struct Telegraph {
     /// Share of pixels that stand out in each dark stack, by exposure in s.
     pub share_by_stack: Vec<(f64, f64)>,
     /// Share of pixels that stand out in two of the long stacks; none without an exposed one.
-    pub share: Option<Estimate>,
+    pub share: Option<Value>,
     /// Of the pixels chosen in the longest stack.
     pub chosen_in_longest: Option<Law>,
     /// Of the pixels chosen in the bias.
     pub chosen_in_bias: Option<Law>,
     /// Height of the jumps of those chosen in the longest stack, DN/s: of the median pixel.
-    pub median_jump: Option<Estimate>,
+    pub median_jump: Option<Value>,
 }
 
 /// How the excess variance of chosen pixels depends on the exposure.
@@ -42,9 +41,9 @@ pub struct Law {
     /// How many were chosen.
     pub pixels: usize,
     /// Exposure in s and mean excess variance in DN², in the stacks in which they were not chosen.
-    pub excess: Vec<(f64, Estimate)>,
+    pub excess: Vec<(f64, Value)>,
     /// p of v ∝ t²ᵖ; none where fewer than two exposed stacks show an excess.
-    pub exponent: Option<Estimate>,
+    pub exponent: Option<Value>,
 }
 
 /// A stack's variances.
@@ -59,10 +58,10 @@ struct Variances {
 
 impl Telegraph {
     /// Of dark stacks sorted by exposure, the first of which is the bias.
-    pub(crate) fn of(darks: &[&Stack], torn: &[Torn], bias: &Bias, dn_per_e: Option<f64>) -> Self {
+    pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, dn_per_e: Option<f64>) -> Self {
         let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
         let stacks: Vec<Variances> =
-            darks.par_iter().map(|s| Variances::of(s, torn, bias, gain)).collect();
+            darks.par_iter().map(|d| Variances::of(d, bias, gain)).collect();
         let pixels = bias.map.len() as f64;
         let longest = stacks.last().map_or(0.0, |s| s.exposure_s);
         let is_long = |s: &&Variances| s.exposure_s > 0.0 && s.exposure_s >= LONG * longest;
@@ -75,7 +74,7 @@ impl Telegraph {
             let in_long = |p: usize| long.iter().filter(|s| s.deviations[p] > CHOSEN).count();
             let count =
                 (0..bias.map.len()).filter(|p| in_long(*p) >= 2.min(long.len())).count() as f64;
-            Estimate { value: count / pixels, error: count.max(1.0).sqrt() / pixels }
+            Value { value: count / pixels, std_error: count.max(1.0).sqrt() / pixels }
         });
         let median_jump = (longest > 0.0 && !chosen_in(last).is_empty()).then(|| {
             // Two levels, each half of the time, differ by twice the standard deviation.
@@ -95,10 +94,10 @@ impl Telegraph {
 }
 
 impl Variances {
-    fn of(stack: &Stack, torn: &[Torn], bias: &Bias, gain: f64) -> Self {
+    fn of(dark: &Dark<'_>, bias: &Bias, gain: f64) -> Self {
+        let Dark { stack, map, counts, .. } = dark;
         let (width, height) = stack.size();
-        let takes = holds(torn, stack);
-        let (map, counts) = stack.mean_map(takes);
+        let takes = dark.holds();
         let charge: Vec<f64> = map.iter().zip(&bias.map).map(|(m, b)| (m - b).max(0.0)).collect();
         let is_exposed = stack.exposure_s > 0.0;
         let bright = Sorted::new(charge.iter().copied()).quantile(0.97);
@@ -199,13 +198,13 @@ impl Law {
         let exposures: Vec<f64> = others.iter().map(|s| s.exposure_s).collect();
         let exponent = exponent(&exposures, &all, &errors).map(|value| {
             let without = |g: usize| exponent_or(value, &exposures, &left_out[g], &errors);
-            Estimate { value, error: jackknife(groups, without) }
+            Value { value, std_error: jackknife(groups, without) }
         });
         let excess = exposures.iter().zip(all.iter().zip(&errors));
         Some(Self {
             pixels: chosen.len(),
             excess: excess
-                .map(|(t, (value, error))| (*t, Estimate { value: *value, error: *error }))
+                .map(|(t, (value, error))| (*t, Value { value: *value, std_error: *error }))
                 .collect(),
             exponent,
         })

@@ -4,7 +4,7 @@
 //! steps of 64 DN, and rounding adds 64²/12 DN² instead of 1/12.
 
 use super::rounding::{self, QUANTISATION, QUANTISATION_LIMITED, sensitivity};
-use super::value::Value;
+use camrig_base::Value;
 
 /// Variance of the noise, in squares of the step, above which rounding adds 1/12 independent of the
 /// mean, to 1e-7.

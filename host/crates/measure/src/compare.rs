@@ -6,7 +6,7 @@ use super::moments::Moments;
 use super::rounding::QUANTISATION;
 use super::stack::Stack;
 use super::tolerance::{SAME_EXPOSURE, SAME_TEMPERATURE_C};
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 use serde::Serialize;

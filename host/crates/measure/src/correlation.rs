@@ -7,7 +7,7 @@
 
 use super::stack::Stack;
 use super::strips;
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Batches, Capture, CaptureSet, StoredFrame};
 use camrig_vector::vectorised;

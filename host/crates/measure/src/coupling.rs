@@ -10,7 +10,7 @@ use super::copies;
 use super::correlation::NoiseCorrelation;
 use super::moments::SATURATED_SHARE;
 use super::stack::Stack;
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet, Role};
 use serde::Serialize;

@@ -8,8 +8,8 @@
 
 use super::codes::{BitsSeen, Codes};
 use super::moments::SATURATED_SHARE;
-use super::value::Value;
 use camrig_base::Result;
+use camrig_base::Value;
 use camrig_captures::StoredFrame;
 
 /// Approximate number of samples used: they determine a share of 0.1 % to 6 %.

@@ -5,7 +5,7 @@ use super::fit::Fit;
 use super::ladder::Level;
 use super::rounding::QUANTISATION;
 use super::tolerance::{SAME_EXPOSURE, SAME_TEMPERATURE_C};
-use super::value::Value;
+use camrig_base::Value;
 
 /// Smallest ratio of abscissas (exposure times, signals) for a line extrapolated to zero. Two
 /// points at t and 1.5 t give 3 y₁ − 2 y₂ there, with 3.6 times the error of one.
@@ -59,7 +59,7 @@ impl DarkLine {
             .filter(|p| (p.exposure_s - exposure_s).abs() <= SAME_EXPOSURE * exposure_s)
             .map(|p| p.mean_dn)
             .collect();
-        if let Some(mean) = Value::combine(&same) {
+        if let Some(mean) = Value::combine(same) {
             return mean;
         }
         match &self.line {

@@ -12,7 +12,7 @@ use super::moments::{Moments, SATURATED_SHARE};
 use super::rounding::QUANTISATION;
 use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::{Cfa, Error, Plane, Result};
 use camrig_captures::{Capture, CaptureSet, Role, SensorFacts, open_with_facts};
 use camrig_formats::Facts;
@@ -177,14 +177,13 @@ fn read_noise(m: &Moments, codes: &Codes) -> Option<Value> {
     let spread = m.spatial().total.value.max(0.0);
     let guess = m.temporal - codes.quantisation();
     let variance = m.temporal - codes.rounding(guess, m.mean(), spread);
-    Value::sqrt(variance, m.temporal_error)
+    Value::new(variance, m.temporal_error).sqrt()
 }
 
 /// The square root of a variance; where that is not positive, 0 with the error that a variance of
 /// the size of its error would have.
 fn root(variance: Value) -> Value {
-    Value::sqrt(variance.value, variance.std_error)
-        .unwrap_or_else(|| Value::new(0.0, variance.std_error.max(0.0).sqrt()))
+    variance.sqrt().unwrap_or_else(|| Value::new(0.0, variance.std_error.max(0.0).sqrt()))
 }
 
 /// Means of the rows and columns of each frame, DN.

@@ -1,6 +1,6 @@
 //! Weighted linear least squares with the covariance of the coefficients.
 
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::{Error, Result};
 use camrig_linear::{Matrix, Singular, Vector, apply, inverse, product};
 

@@ -8,8 +8,8 @@
 use super::fit::Fit;
 use super::ladder::Selection;
 use super::ptc::{self, Ptc};
-use super::value::Value;
 use camrig_base::Result;
+use camrig_base::Value;
 use camrig_captures::CaptureSet;
 use serde::Serialize;
 
@@ -99,8 +99,8 @@ fn parts(gains: &[AtGain]) -> (Option<Value>, Option<Value>) {
     let variances: Vec<_> = gains.iter().filter_map(variance).collect();
     let Ok(fit) = Fit::new(&variances) else { return (None, None) };
     let at_one = fit.covariance(0, 0) + 2.0 * fit.covariance(0, 1) + fit.covariance(1, 1);
-    let unity = Value::sqrt(fit.coefficients[0] + fit.coefficients[1], at_one.sqrt());
-    (unity, Value::sqrt(fit.coefficients[1], fit.covariance(1, 1).sqrt()))
+    let unity = Value::new(fit.coefficients[0] + fit.coefficients[1], at_one.sqrt()).sqrt();
+    (unity, Value::new(fit.coefficients[1], fit.covariance(1, 1).sqrt()).sqrt())
 }
 
 #[cfg(test)]

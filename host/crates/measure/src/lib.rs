@@ -106,11 +106,10 @@ mod strips;
 mod sums;
 mod tolerance;
 pub mod transfer;
-pub mod value;
 
 pub use camrig_base as base;
+pub use camrig_base::Value;
 pub use camrig_captures as captures;
-pub use value::Value;
 
 #[cfg(test)]
 pub(crate) mod synthetic;

@@ -1,7 +1,7 @@
 //! Temporal and spatial moments of a stack of frames, per site or channel.
 
 use super::spatial::{PlaneMoments, SpatialVariance};
-use super::value::Value;
+use camrig_base::Value;
 
 /// Largest share of samples at the white level of a stack that counts as not saturated: clipping
 /// the upper 0.1 % of a Gaussian lowers its variance by 0.2 %.

@@ -4,7 +4,7 @@ use super::dark::{distinct, spans};
 use super::ladder::{Level, Selection};
 use super::moments::SATURATED_SHARE;
 use super::tolerance::{SAME_EXPOSURE, SAME_TEMPERATURE_C};
-use super::value::Value;
+use camrig_base::Value;
 use camrig_captures::{CaptureSet, Role};
 
 /// Standard errors above which a figure significantly exceeds a limit: by chance, one in 700 does.

@@ -2,7 +2,7 @@
 //! light).
 
 use super::fit::Fit;
-use super::value::Value;
+use camrig_base::Value;
 
 /// Smallest number of levels for a quadratic: two degrees of freedom remain.
 const MIN_LEVELS: usize = 5;

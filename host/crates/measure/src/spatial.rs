@@ -1,7 +1,7 @@
 //! Spatial variance over the pixels of a plane, split into rows, columns and pixels (EMVA 1288).
 
 use super::site::Site;
-use super::value::Value;
+use camrig_base::Value;
 use rayon::prelude::*;
 
 /// Rows per parallel task: large enough to outweigh the cost of a task.

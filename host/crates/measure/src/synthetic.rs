@@ -1,7 +1,7 @@
 //! An independent little sensor for the tests of this module: the textbook noise model written
 //! with `rand_distr`, sharing nothing with the product's sensor.
 
-use super::value::Value;
+use camrig_base::Value;
 use rand_distr::{Distribution, Normal, Poisson};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;

@@ -6,7 +6,7 @@ use super::fit::Fit;
 use super::ladder::{self, Level, exposures};
 use super::moments::{Moments, SATURATED_SHARE};
 use super::response::Response;
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_base::{Error, Result};
 

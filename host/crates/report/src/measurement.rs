@@ -5,7 +5,7 @@ use super::numbers::{NOT_DETERMINED, amount, counted, number, with_error};
 use super::page::{KeyFigure, Page, Table};
 use super::plot::{Colour, Mark, Plot};
 use camrig_captures::CaptureSet;
-use camrig_measure::value::Value;
+use camrig_measure::Value;
 use camrig_measure::{mtf, ptc};
 
 /// Frequency up to which responses are drawn, cycles/pixel.

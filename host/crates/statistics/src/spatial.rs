@@ -7,7 +7,7 @@ use super::lines::Lines;
 use super::temporal::covariance;
 use crate::data::channels::Channels;
 use camrig_base::Plane;
-use camrig_base::median::{SD_PER_MAD, median};
+use camrig_base::median::{median, robust_sd};
 use camrig_linear::moments;
 
 /// Side of the blocks that show large-scale structure, pixels.
@@ -89,17 +89,16 @@ pub fn smooth_terms(u: f64, v: f64) -> [f64; 5] {
 }
 
 /// Robust standard deviation, from the median absolute deviation.
-fn robust_sd(mut v: Vec<f32>) -> f64 {
+fn sd_about_median(mut v: Vec<f32>) -> f64 {
     let middle = median(&mut v, f32::total_cmp);
-    v.iter_mut().for_each(|x| *x = (*x - middle).abs());
-    f64::from(median(&mut v, f32::total_cmp)) * SD_PER_MAD
+    robust_sd(v.into_iter().map(|x| x - middle))
 }
 
 /// Robust standard deviation of each channel's pixels.
 pub fn robust_sds(d: &[f32], channels: &Channels) -> Vec<f64> {
     let mut own = vec![Vec::new(); channels.count()];
     channels.visit(d, |x, channel| own[channel].push(x));
-    own.into_iter().map(robust_sd).collect()
+    own.into_iter().map(sd_about_median).collect()
 }
 
 /// Decomposes a map. Where the light may be uneven (`even` false), rows and columns are high-pass
@@ -109,14 +108,14 @@ pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let n = (w * h) as f64;
     let mean = map.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
     let mut d: Vec<f32> = map.data.iter().map(|&v| (f64::from(v) - mean) as f32).collect();
-    let scale = robust_sd(d.clone()).max(1e-12);
+    let scale = sd_about_median(d.clone()).max(1e-12);
     let limit = (CLIP_OF_WHOLE_MAP * CLIP * scale) as f32;
     let mut s =
         Spatial { slopes: subtract_smooth_terms(&mut d, w, h, limit), ..Spatial::default() };
     subtract_lines(&mut d, w, h, limit, even, &mut s);
     // Blocks after subtraction of rows and columns, whose patterns lines of blocks would share.
     let (blocks, fine_blocks) = blocks(&d, w, h, limit);
-    let sd = robust_sd(d.clone()).max(1e-12);
+    let sd = sd_about_median(d.clone()).max(1e-12);
     describe_outliers(&d, channels, &mut s);
     describe_clipped(&mut d, w, h, (CLIP * sd) as f32, &mut s);
     s.blocks = blocks / s.pixel_variance;

@@ -3,10 +3,11 @@
 //! with temperature.
 
 use super::proposal::{Proposal, deviation};
-use crate::evidence::{Estimated, Evidence};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::tails;
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_camera::{Camera, Noise};
 
 /// Range of a likelihood search over a standard deviation: ln σ either side of the estimate by
@@ -32,7 +33,7 @@ pub(super) fn of_excess(
     kind: &'static str,
     key: &'static str,
     present: f64,
-    excess: Estimated,
+    excess: Value,
 ) -> Option<Proposal> {
     Proposal::of(kind, excess.z().abs(), [(key, deviation(present, excess)?)])
 }

@@ -11,10 +11,11 @@
 
 use super::proposal::{MIN_STRENGTH, Proposal};
 use crate::data::channels::Channels;
-use crate::evidence::{Estimated, Evidence};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::statistics::codes::is_clipped;
 use crate::statistics::temporal::Temporal;
+use camrig_base::Value;
 use camrig_linear::{Matrix, Vector, apply, inverse, product};
 use camrig_sensor_core::effects::adc_nonlinearity::AdcNonlinearity;
 
@@ -79,7 +80,7 @@ fn widening(error: usize, code: usize) -> f64 {
 /// The errors `bits`, DN, all at once: within a narrow histogram the codes that one widens are not
 /// balanced by those it narrows, and would pass for another's. `None` where the stacks do not
 /// determine them.
-fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
+fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Value>> {
     let n = bits.len();
     let mut errors = Vector::zeros(n);
     let mut scatter = Matrix::zeros(n, n);
@@ -106,12 +107,12 @@ fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Estimated>> {
         errors += apply(&inverse, &sums);
         scatter = product(&product(&inverse, &covariance), &inverse.transpose());
     }
-    Some((0..n).map(|i| Estimated { value: errors[i], se: scatter[(i, i)].sqrt() }).collect())
+    Some((0..n).map(|i| Value { value: errors[i], std_error: scatter[(i, i)].sqrt() }).collect())
 }
 
 /// The bits with a significant error, DN: the least significant one is left out until all are. Both
 /// lowest together have one only where none of each can stand for it.
-fn significant_errors(stacks: &[Codes<'_>]) -> Vec<(usize, Estimated)> {
+fn significant_errors(stacks: &[Codes<'_>]) -> Vec<(usize, Value)> {
     let seen = |b: &usize| stacks.iter().any(|s| s.smooth_over(*b));
     let mut bits: Vec<usize> = (0..=BOTH_LOWEST).filter(seen).collect();
     let together = solve(stacks, &bits).and_then(|found| found.last().copied());
@@ -190,7 +191,7 @@ mod tests {
             );
             let found = significant_errors(&stacks);
             assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [2]);
-            let (value, se) = (found[0].1.value, found[0].1.se);
+            let (value, se) = (found[0].1.value, found[0].1.std_error);
             assert!((value - error).abs() < 2.0 * se, "{value} ± {se}, {error}");
         }
     }
@@ -209,7 +210,7 @@ mod tests {
         assert_eq!(found.len(), expected.len(), "{found:?}");
         for ((bit, error), (of, true_error)) in found.into_iter().zip(expected) {
             let off = (error.value - true_error).abs();
-            assert!(bit == of && off < 2.0 * error.se, "{bit}: {error:?}");
+            assert!(bit == of && off < 2.0 * error.std_error, "{bit}: {error:?}");
         }
     }
 }

@@ -16,10 +16,11 @@
 use super::common::{Count, channel_count, dark_growth, present};
 use super::proposal::{Proposal, deviation};
 use crate::data::design::{Condition, same_temperature};
-use crate::evidence::{Estimated, Evidence, pooled};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::statistics::maps::{MapKind, long_dark, reference_dark};
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_camera::Noise;
 use camrig_captures::Role;
 use camrig_sensor_core::effects::{
@@ -93,8 +94,8 @@ pub fn hot_pixels(e: &Evidence<'_>) -> Option<Proposal> {
         reference_c: noise.temperature_ref_c as f32,
     };
     let se = fraction / more.max(1.0).sqrt() * HOT_SHARE_ERROR;
-    let fraction = Estimated { value: fraction, se };
-    let mean = Estimated { value: mean, se: mean / high.seen.sqrt() };
+    let fraction = Value::new(fraction, se);
+    let mean = Value { value: mean, std_error: mean / high.seen.sqrt() };
     let p = Proposal::new("hot-pixels", effect.into(), high.z);
     Some(p.with("fraction", fraction).with("mean_e_per_s", mean))
 }
@@ -112,7 +113,7 @@ pub fn dark_current(e: &Evidence<'_>) -> Vec<Proposal> {
     };
     // Each as its significance, and the new value.
     let new_mean = mean_excess(e, reference)
-        .map(|x| (x.z().abs(), Estimated { value: (mean + x.value).max(0.0), ..x }));
+        .map(|x| (x.z().abs(), Value { value: (mean + x.value).max(0.0), ..x }));
     let new_dsnu =
         variance_excess(e, reference).and_then(|x| Some((x.z().abs(), deviation(dsnu, x)?)));
     let of_mean = new_mean.map(|(z, m)| propose(m.value, dsnu, z).with("mean_e_per_s", m));
@@ -126,38 +127,38 @@ pub fn dark_current(e: &Evidence<'_>) -> Vec<Proposal> {
 
 /// Excess of the mean dark current at T_ref, e⁻/s: of the map's median, where the few hot pixels
 /// that a sensor happens to have make the means less certain, or else of these.
-fn mean_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
+fn mean_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Value> {
     let both = [rise_of_means(e, reference), excess_of_median(e)];
-    both.into_iter().flatten().min_by(|a, b| a.se.total_cmp(&b.se))
+    both.into_iter().flatten().min_by(|a, b| a.std_error.total_cmp(&b.std_error))
 }
 
 /// Excess of the median of the dark-current map at T_ref, e⁻/s.
-fn excess_of_median(e: &Evidence<'_>) -> Option<Estimated> {
+fn excess_of_median(e: &Evidence<'_>) -> Option<Value> {
     let long = &e.design.conditions[long_dark(e.design)?];
     let g = dark_growth(&e.camera.sensor.noise, long.stack.temperature_c);
-    Some(e.difference(Place::Map(MapKind::DarkCurrent), What::Median)?.over(g))
+    Some(e.difference(Place::Map(MapKind::DarkCurrent), What::Median)?.scaled(1.0 / g))
 }
 
 /// Excess of the rise of the mean with exposure, at the temperature of the reference stack, as
 /// e⁻/s at T_ref.
-fn rise_of_means(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
+fn rise_of_means(e: &Evidence<'_>, reference: &Condition) -> Option<Value> {
     let noise = &e.camera.sensor.noise;
-    pooled(e.of_role(Role::Dark).flat_map(|(i, c)| {
+    Value::combine(e.of_role(Role::Dark).flat_map(|(i, c)| {
         let time = c.stack.exposure_s - reference.stack.exposure_s;
         let usable = time > 0.0
             && same_temperature(&c.stack, &reference.stack)
             && c.before_e.iter().all(|&b| b == 0.0);
         let scale = e.gain(c) * time * dark_growth(noise, c.stack.temperature_c);
-        (0..channel_count(e))
-            .filter(move |_| usable)
-            .filter_map(move |k| Some(e.difference(Place::Stack(i), What::Mean(k))?.over(scale)))
+        (0..channel_count(e)).filter(move |_| usable).filter_map(move |k| {
+            Some(e.difference(Place::Stack(i), What::Mean(k))?.scaled(1.0 / scale))
+        })
     }))
 }
 
 /// Excess of the variance of dark current over pixels at T_ref, (e⁻/s)².
-fn variance_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Estimated> {
+fn variance_excess(e: &Evidence<'_>, reference: &Condition) -> Option<Value> {
     let g = dark_growth(&e.camera.sensor.noise, reference.stack.temperature_c).powi(2);
-    Some(e.difference(Place::Map(MapKind::DarkCurrent), What::PixelPattern)?.over(g))
+    Some(e.difference(Place::Map(MapKind::DarkCurrent), What::PixelPattern)?.scaled(1.0 / g))
 }
 
 /// `dark-current-temperature`: the doubling, from dark stacks at other temperatures than the
@@ -166,7 +167,8 @@ pub fn doubling(e: &Evidence<'_>) -> Option<Proposal> {
     let noise = &e.camera.sensor.noise;
     let reference = &e.design.conditions[reference_dark(e.design)?];
     let all = e.of_role(Role::Dark).flat_map(|(i, _)| (0..channel_count(e)).map(move |k| (i, k)));
-    let shift = pooled(all.filter_map(|(i, channel)| doubling_shift(e, reference, i, channel)))?;
+    let shift =
+        Value::combine(all.filter_map(|(i, channel)| doubling_shift(e, reference, i, channel)))?;
     let inverse = 1.0 / noise.dark_doubling_c + shift.value;
     if inverse <= MIN_INVERSE_DOUBLING {
         return None;
@@ -174,7 +176,7 @@ pub fn doubling(e: &Evidence<'_>) -> Option<Proposal> {
     let value = 1.0 / inverse;
     let effect = with_dark_current(noise, noise.dark_current_e_per_s, noise.dsnu_e_per_s, value);
     let p = Proposal::new("dark-current-temperature", effect.into(), shift.z().abs());
-    Some(p.with("doubling_c", Estimated { value, se: shift.se * value * value }))
+    Some(p.with("doubling_c", Value { value, std_error: shift.std_error * value * value }))
 }
 
 /// Estimate of 1/T_d minus that of the model, 1/K, from one channel of a dark stack:
@@ -184,7 +186,7 @@ fn doubling_shift(
     reference: &Condition,
     stack: usize,
     channel: u8,
-) -> Option<Estimated> {
+) -> Option<Value> {
     let (noise, c) = (&e.camera.sensor.noise, &e.design.conditions[stack]);
     let dt = c.stack.temperature_c - reference.stack.temperature_c;
     let from_ref = c.stack.temperature_c - noise.temperature_ref_c;
@@ -200,8 +202,8 @@ fn doubling_shift(
         return None;
     }
     let value = libm::log(ratio) / (std::f64::consts::LN_2 * from_ref);
-    let se = d.se / scale / model / ratio / (std::f64::consts::LN_2 * from_ref.abs());
-    Some(Estimated { value, se })
+    let se = d.std_error / scale / model / ratio / (std::f64::consts::LN_2 * from_ref.abs());
+    Some(Value::new(value, se))
 }
 
 /// `dark-current-gradient`: the slope of the dark-current map.
@@ -226,9 +228,9 @@ pub fn gradient(e: &Evidence<'_>) -> Option<Proposal> {
     // The gradient has a mean of rate/2, which the dark current had before.
     let mean = (noise.dark_current_e_per_s - rate / 2.0).max(0.0);
     let rest = with_dark_current(noise, mean, noise.dsnu_e_per_s, noise.dark_doubling_c);
-    let rate = Estimated { value: rate, se: x.se * 2.0 * 3f64.sqrt() / growth };
-    let se = (x.se / libm::hypot(x.value, y.value)).to_degrees();
+    let rate = Value { value: rate, std_error: x.std_error * 2.0 * 3f64.sqrt() / growth };
+    let se = (x.std_error / libm::hypot(x.value, y.value)).to_degrees();
     let p = Proposal::new("dark-current-gradient", effect.into(), libm::hypot(x.z(), y.z()));
     let p = p.and(rest.into()).with("rate_e_per_s", rate);
-    Some(p.with("direction_deg", Estimated { value: direction, se }))
+    Some(p.with("direction_deg", Value::new(direction, se)))
 }

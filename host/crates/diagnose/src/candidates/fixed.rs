@@ -11,11 +11,12 @@
 use super::common::{of_excess, present};
 use super::proposal::Proposal;
 use crate::data::channels::Channels;
-use crate::evidence::{Estimated, Evidence};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::statistics::lines::{PERIODS, phase_means};
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_linear::moments;
 use camrig_sensor_core::effects::{Effect, readout_channel_mismatch::ReadoutChannelMismatch};
 
@@ -24,9 +25,9 @@ use camrig_sensor_core::effects::{Effect, readout_channel_mismatch::ReadoutChann
 const TURNS: usize = 30;
 
 /// Excess of a variance of the offset map, e⁻².
-fn offset_excess(e: &Evidence<'_>, what: What) -> Option<Estimated> {
+fn offset_excess(e: &Evidence<'_>, what: What) -> Option<Value> {
     let k = e.reference_gain()?;
-    Some(e.difference(Place::Map(MapKind::Offset), what)?.over(k * k))
+    Some(e.difference(Place::Map(MapKind::Offset), what)?.scaled(1.0 / (k * k)))
 }
 
 /// `row-offset-fpn`: variance of the row means of the offset map.
@@ -141,7 +142,7 @@ struct Mismatch {
     /// After how many.
     period: usize,
     /// Standard deviation of their phases.
-    sigma: Estimated,
+    sigma: Value,
 }
 
 impl Mismatch {
@@ -153,7 +154,7 @@ impl Mismatch {
         let factor = compensation(&means);
         let value = factor * (between - within).max(0.0).sqrt();
         let se = factor * within.sqrt() / (2.0 * (n as f64 - 1.0)).sqrt();
-        Some(Self { period: n, sigma: Estimated { value, se } })
+        Some(Self { period: n, sigma: Value::new(value, se) })
     }
 
     /// The proposal of an effect whose parameter `key` a map gave.
@@ -166,7 +167,7 @@ impl Mismatch {
     ) -> Option<Proposal> {
         let strength = period_deviation(e, map, self.period)?;
         let p = Proposal::new("readout-channel-mismatch", effect.into(), strength);
-        Some(p.with("channels", Estimated::chosen(self.period as f64)).with(key, self.sigma))
+        Some(p.with("channels", Value::chosen(self.period as f64)).with(key, self.sigma))
     }
 }
 

@@ -12,12 +12,13 @@
 
 use super::common::present;
 use super::proposal::{Proposal, deviation};
-use crate::evidence::{Estimated, Evidence, slope};
+use crate::evidence::{Evidence, slope};
 use crate::model::effects::current;
 use crate::numerics::tails::median_of_squares;
 use crate::statistics::lines::phase_means;
 use crate::statistics::maps;
 use crate::statistics::temporal::Temporal;
+use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_fourier::sinc;
 use camrig_linear::dot;
@@ -295,13 +296,13 @@ fn centre<'a>(stacks: impl Iterator<Item = (&'a Vec<[f64; 2]>, f64)>) -> [f64; 2
 /// The square of the depth A of light that pulsates with f, Hz, and χ² of what A² sinc² leaves.
 /// The scatter of squares is that of their fitted values, since that of the measured ones would
 /// favour the small.
-fn depth_squared(bands: &[Band], f: f64) -> Option<(Estimated, f64)> {
+fn depth_squared(bands: &[Band], f: f64) -> Option<(Value, f64)> {
     let seen = |b: &Band| sinc(f * b.exposure_s).powi(2).max(MIN_SINC_SQUARED);
-    let mut found = Estimated { value: 0.0, se: f64::INFINITY };
+    let mut found = Value { value: 0.0, std_error: f64::INFINITY };
     for _ in 0..TURNS {
         let fitted = found.value.max(0.0);
         found = slope(bands.iter().map(|b| {
-            (seen(b), Estimated { value: b.square, se: b.variance(fitted * seen(b)).sqrt() })
+            (seen(b), Value { value: b.square, std_error: b.variance(fitted * seen(b)).sqrt() })
         }))?;
     }
     let left = bands.iter().map(|b| {
@@ -342,11 +343,11 @@ pub fn flicker_banding(e: &Evidence<'_>) -> Option<Proposal> {
     let (square, _) = depth_squared(&bands, frequency)?;
     let depth = deviation(0.0, square)?;
     let row_time_us = cycles_per_row / frequency * 1e6;
-    let strength = (square.value - present * present).abs() / square.se;
+    let strength = (square.value - present * present).abs() / square.std_error;
     let light = [
         ("depth", depth),
-        ("frequency_hz", Estimated::chosen(frequency)),
-        ("row_time_us", Estimated::chosen(row_time_us)),
+        ("frequency_hz", Value::chosen(frequency)),
+        ("row_time_us", Value::chosen(row_time_us)),
     ];
     Proposal::of("flicker-banding", strength, light)
 }

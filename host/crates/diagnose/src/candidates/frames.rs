@@ -12,10 +12,11 @@
 use super::common::{LN_SIGMA_REACH, present};
 use super::proposal::{Proposal, deviation};
 use super::rows::{common_excess, present_columns, present_rows};
-use crate::evidence::{Estimated, Evidence, pooled};
+use crate::evidence::Evidence;
 use crate::numerics::minimise::lowest;
 use crate::statistics::statistic::{Place, What};
 use crate::statistics::temporal::mean;
+use camrig_base::Value;
 
 /// Correlations from one frame to the next that are searched. A drift closer to 1 is a trend over
 /// the frames of a stack, whose variance its own mean hides.
@@ -42,8 +43,8 @@ pub fn frame_offset(e: &Evidence<'_>) -> Option<Proposal> {
     let stacks = 0..e.stacks.len();
     let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
     let strength = e.stands_out(frames).abs().max(excess.z().abs());
-    let sigma = Estimated { value: libm::exp(ln_sigma), ..s };
-    let drift = [("sigma_e", sigma), ("correlation", Estimated::chosen(correlation))];
+    let sigma = Value { value: libm::exp(ln_sigma), ..s };
+    let drift = [("sigma_e", sigma), ("correlation", Value::chosen(correlation))];
     Proposal::of("frame-offset-noise", strength, drift)
 }
 
@@ -103,8 +104,8 @@ impl Series {
 /// signal.
 pub fn light_flicker(e: &Evidence<'_>) -> Option<Proposal> {
     let (w, h) = e.size();
-    let excess = pooled(e.flats().filter_map(|(i, _)| {
-        Some(e.component(i, What::FrameVariance, w * h)?.over(e.signal(i)?.powi(2)))
+    let excess = Value::combine(e.flats().filter_map(|(i, _)| {
+        Some(e.component(i, What::FrameVariance, w * h)?.scaled(1.0 / e.signal(i)?.powi(2)))
     }))?;
     let s = deviation(present_flicker(e), excess)?;
     let frames = e.flats().map(|(i, _)| (Place::Stack(i), What::FrameVariance));

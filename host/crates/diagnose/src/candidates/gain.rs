@@ -10,9 +10,10 @@
 
 use super::common::{Count, of_excess, present};
 use super::proposal::Proposal;
-use crate::evidence::{Estimated, Evidence, pooled};
+use crate::evidence::Evidence;
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_sensor_core::effects::{green_imbalance::GreenImbalance, prnu::Prnu};
 
 /// Where the statistics of this file are taken.
@@ -40,13 +41,16 @@ pub fn prnu_correlated(e: &Evidence<'_>) -> Option<Proposal> {
     for (i, share) in SHARED.into_iter().enumerate() {
         let d = e.difference(GAIN, What::MapCovariance(i as u8))?;
         value += variance * share * d.value / squares;
-        error += (variance * share * d.se / squares).powi(2);
+        error += (variance * share * d.std_error / squares).powi(2);
     }
-    let shared = Estimated { value, se: error.sqrt() };
+    let shared = Value { value, std_error: error.sqrt() };
     let more = e.difference(GAIN, What::PixelPattern)?;
-    let own = Estimated { value: more.value - shared.value, se: libm::hypot(more.se, shared.se) };
+    let own = Value {
+        value: more.value - shared.value,
+        std_error: libm::hypot(more.std_error, shared.std_error),
+    };
     let own_changes = own.z().abs() > OWN_SPREAD_CHANGES;
-    let added = if own_changes { shared } else { pooled([shared, more])? };
+    let added = if own_changes { shared } else { Value::combine([shared, more])? };
     let present = present(e.camera, "prnu-correlated", "sigma").unwrap_or(0.0);
     let p = of_excess("prnu-correlated", "sigma", present, added)?;
     let prnu = e.camera.sensor.noise.prnu;
@@ -83,14 +87,14 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     let columns = e.difference(GAIN, What::EveryOtherColumn)?;
     let rows = e.difference(GAIN, What::EveryOtherRow)?;
     let contrast = rows.value + if first_in_even_column { columns.value } else { -columns.value };
-    let d = Estimated { value: contrast, se: libm::hypot(rows.se, columns.se) };
+    let d = Value { value: contrast, std_error: libm::hypot(rows.std_error, columns.std_error) };
     // The effect's parameter is green next to red minus green next to blue.
     let red_in_even_row = (0..2).any(|x| cfa.letter(x, 0) == 'R');
     let sign = if red_in_even_row { 1.0 } else { -1.0 };
     let value = present(e.camera, "green-imbalance", "centre").unwrap_or(0.0) + sign * d.value;
     let effect = GreenImbalance { centre: value as f32, corner: value as f32 };
     let p = Proposal::new("green-imbalance", effect.into(), d.z().abs());
-    Some(p.with("centre", Estimated { value, ..d }))
+    Some(p.with("centre", Value { value, ..d }))
 }
 
 /// `defective-pixels`: number and mean response of the low outliers.
@@ -107,7 +111,7 @@ pub fn defects(e: &Evidence<'_>) -> Option<Proposal> {
         None => (low.seen - low.expected).max(0.0) / n,
     };
     let root = low.seen.sqrt();
-    let fraction = Estimated { value: fraction, se: fraction / root };
-    let gain = Estimated { value: gain, se: s.pixel_variance.sqrt() / root };
+    let fraction = Value { value: fraction, std_error: fraction / root };
+    let gain = Value { value: gain, std_error: s.pixel_variance.sqrt() / root };
     Proposal::of("defective-pixels", low.z, [("fraction", fraction), ("gain", gain)])
 }

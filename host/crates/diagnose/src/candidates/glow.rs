@@ -9,10 +9,10 @@
 
 use super::blocks::{self, Block, block_means, fit_template};
 use super::proposal::Proposal;
-use crate::evidence::{Estimated, Evidence};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::statistics::maps::MapKind;
-use camrig_measure::Value;
+use camrig_base::Value;
 use camrig_measure::fit::Fit;
 use std::f64::consts::{PI, SQRT_2};
 
@@ -65,7 +65,7 @@ pub fn amp_glow(e: &Evidence<'_>) -> Option<Proposal> {
     let strength = (fall.sqrt() / error - LOOK_ELSEWHERE).max(0.0);
     let keys = ["rate_e_per_s", "x", "y", "width"].into_iter();
     let values = std::iter::zip([a, x, y, width], errors);
-    let glow: Vec<_> = keys.zip(values.map(|(value, se)| Estimated { value, se })).collect();
+    let glow: Vec<_> = keys.zip(values.map(|(value, se)| Value::new(value, se))).collect();
     Proposal::of("amp-glow", strength, glow)
 }
 

@@ -17,10 +17,11 @@ use super::common::present;
 use super::proposal::{MIN_STRENGTH, Proposal};
 use crate::data::channels::Channels;
 use crate::data::design::Condition;
-use crate::evidence::{Estimated, Evidence, pooled, slope};
+use crate::evidence::{Evidence, slope};
 use crate::model::effects::current;
 use crate::statistics::ratios::{reference_flat, strongest};
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_sensor_core::effects::Effect;
 
 /// Error, relative, that an estimate may have by what its equation leaves out, terms of second
@@ -32,7 +33,7 @@ const AGREE_WITHIN: f64 = 3.0;
 /// A parameter from the means of the channels of the flats and from their ratios. `lean` gives the
 /// electrons that each channel gains per unit of the parameter, from the photo-electrons of each.
 /// `None` for a monochrome sensor.
-fn leaning(e: &Evidence<'_>, lean: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Estimated> {
+fn leaning(e: &Evidence<'_>, lean: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Value> {
     let n = e.camera.sensor.channel_names.len();
     if n < 2 {
         return None;
@@ -68,15 +69,16 @@ pub fn optical_crosstalk(e: &Evidence<'_>) -> Option<Proposal> {
     let channels = Channels::new(e.camera);
     let found = leaning(e, &|photo_e| channels.mean_laplacian(photo_e))?;
     let present = present(e.camera, "optical-crosstalk", "side").unwrap_or(0.0);
-    let k = Estimated { value: (present + found.value).max(0.0), ..found };
+    let k = Value { value: (present + found.value).max(0.0), ..found };
     Proposal::of("optical-crosstalk", found.z().abs(), [("side", k), ("vertical", k)])
 }
 
 /// What means give for a parameter, where it agrees with what noise gives.
-fn agreeing(noise: Estimated, means: Option<Estimated>) -> Option<Estimated> {
+fn agreeing(noise: Value, means: Option<Value>) -> Option<Value> {
     means.filter(|m| {
         let apart = (m.value - noise.value).abs();
-        apart < AGREE_WITHIN * libm::hypot(m.se, noise.se) + ROUGH * noise.value.abs()
+        apart
+            < AGREE_WITHIN * libm::hypot(m.std_error, noise.std_error) + ROUGH * noise.value.abs()
     })
 }
 
@@ -96,15 +98,18 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
     };
     let mut strength = libm::hypot(x.z(), y.z());
     let channels = Channels::new(e.camera);
-    let both = Estimated { value: (x.value + y.value) / 2.0, se: libm::hypot(x.se, y.se) / 2.0 };
+    let both = Value {
+        value: (x.value + y.value) / 2.0,
+        std_error: libm::hypot(x.std_error, y.std_error) / 2.0,
+    };
     if let Some(means) = agreeing(both, leaning(e, &|photo_e| channels.mean_laplacian(photo_e))) {
         // Least squares of x, y and their mean.
-        let off = (means.value - both.value) / (means.se.powi(2) + both.se.powi(2));
+        let off = (means.value - both.value) / (means.std_error.powi(2) + both.std_error.powi(2));
         for one in [&mut x, &mut y] {
-            let shared = one.se.powi(2) / 2.0;
+            let shared = one.std_error.powi(2) / 2.0;
             one.value += shared * off;
-            let known = shared * shared / (means.se.powi(2) + both.se.powi(2));
-            one.se = (one.se.powi(2) - known).sqrt();
+            let known = shared * shared / (means.std_error.powi(2) + both.std_error.powi(2));
+            one.std_error = (one.std_error.powi(2) - known).sqrt();
         }
         // Means alone are no ground for it: `optical-crosstalk` moves them alike.
         if strength > MIN_STRENGTH || present.is_some() {
@@ -112,8 +117,8 @@ pub fn charge_coupling(e: &Evidence<'_>) -> Option<Proposal> {
         }
     }
     let (px, py) = present.unwrap_or((0.0, 0.0));
-    let side = Estimated { value: (px + x.value).max(0.0), ..x };
-    let vertical = Estimated { value: (py + y.value).max(0.0), ..y };
+    let side = Value { value: (px + x.value).max(0.0), ..x };
+    let vertical = Value { value: (py + y.value).max(0.0), ..y };
     Proposal::of("charge-coupling", strength, [("side", side), ("vertical", vertical)])
 }
 
@@ -135,17 +140,17 @@ pub fn brighter_fatter(e: &Evidence<'_>) -> Option<Proposal> {
         channels.mean_laplacian(&photo_e.iter().map(|q| 0.5 * q * q).collect::<Vec<_>>())
     };
     if let Some(means) = agreeing(found, leaning(e, &half_squares)) {
-        found = pooled([found, means])?;
+        found = Value::combine([found, means])?;
         if strength > MIN_STRENGTH || present.is_some() {
             strength = libm::hypot(strength, means.z());
         }
     }
     let value = (present.unwrap_or(0.0) + found.value).max(0.0);
-    Proposal::of("brighter-fatter", strength, [("coefficient", Estimated { value, ..found })])
+    Proposal::of("brighter-fatter", strength, [("coefficient", Value { value, ..found })])
 }
 
 /// The coefficient of brighter-fatter, 1/e⁻, from correlation and variance.
-fn by_noise(e: &Evidence<'_>, channels: &Channels) -> Option<Estimated> {
+fn by_noise(e: &Evidence<'_>, channels: &Channels) -> Option<Value> {
     // ⟨µ²⟩/v: a times this is what a pixel's shot noise pushes to one side, over the variance.
     let pushed = |i: usize| {
         let (v, _) = e.variance(i)?;
@@ -161,8 +166,8 @@ fn by_noise(e: &Evidence<'_>, channels: &Channels) -> Option<Estimated> {
     // Of the shot noise (1 − 4b)² + 4b² is left, b = a µ.
     let lost = slope(e.flats().filter_map(|(i, _)| {
         let (v, excess) = (e.variance(i)?.0, e.variance_excess(i)?);
-        Some((-8.0 * pushed(i)?, excess.over(v)))
+        Some((-8.0 * pushed(i)?, excess.scaled(1.0 / v)))
     }))?;
-    let apart = (gained.value - lost.value).abs() / libm::hypot(gained.se, lost.se);
-    if apart < AGREE_WITHIN { pooled([gained, lost]) } else { Some(gained) }
+    let apart = (gained.value - lost.value).abs() / libm::hypot(gained.std_error, lost.std_error);
+    if apart < AGREE_WITHIN { Value::combine([gained, lost]) } else { Some(gained) }
 }

@@ -15,11 +15,12 @@
 
 use super::common::{Count, dark_growth, present};
 use super::proposal::{Proposal, deviation};
-use crate::evidence::{Estimated, Evidence, pooled};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::tails::{median_of_squares, quantile_of_squares};
 use crate::statistics::maps::{MapKind, reference_dark};
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_captures::Role;
 use camrig_sensor_core::effects::{Effect, read_noise::ReadNoise};
@@ -64,8 +65,8 @@ const LOGISTIC_KURTOSIS: f64 = 1.2;
 /// `read-noise`: variance of the pixels of dark stacks.
 pub fn read_noise(e: &Evidence<'_>) -> Option<Proposal> {
     let short = short_darks(e);
-    let excess = pooled(short.iter().filter_map(|&i| {
-        Some(e.variance_excess(i)?.over(e.gain(&e.design.conditions[i]).powi(2)))
+    let excess = Value::combine(short.iter().filter_map(|&i| {
+        Some(e.variance_excess(i)?.scaled(1.0 / e.gain(&e.design.conditions[i]).powi(2)))
     }))?;
     let noise = &e.camera.sensor.noise;
     let s = deviation(noise.read_e, excess)?;
@@ -103,7 +104,7 @@ fn longest_short_dark(e: &Evidence<'_>) -> Option<usize> {
 
 /// Excess over the model of the variance of the pixels' variances, e⁻⁴, in the dark stack with
 /// most frames.
-fn excess_of_spread(e: &Evidence<'_>) -> Option<Estimated> {
+fn excess_of_spread(e: &Evidence<'_>) -> Option<Value> {
     let stack = longest_short_dark(e)?;
     let f = e.stacks[stack].dof;
     let place = Place::Stack(stack);
@@ -113,8 +114,8 @@ fn excess_of_spread(e: &Evidence<'_>) -> Option<Estimated> {
     let of = |spread: f64, v: f64| (2.0 * spread / f + 1.0) / (1.0 + 2.0 / f) * v * v;
     let d = of(e.measured(place, What::Spread)?, vd) - vd * vd;
     let m = of(e.predicted(place, What::Spread)?, vm) - vm * vm;
-    let se = e.difference(place, What::Spread)?.se * 2.0 / (f + 2.0) * vm * vm;
-    Some(Estimated { value: (d - m) / k4, se: se / k4 })
+    let se = e.difference(place, What::Spread)?.std_error * 2.0 / (f + 2.0) * vm * vm;
+    Some(Value { value: (d - m) / k4, std_error: se / k4 })
 }
 
 /// `read-noise-spread`: scatter of the pixels' dark variances; with the model's read noise as the
@@ -135,12 +136,12 @@ fn spreads(e: &Evidence<'_>) -> Option<[Proposal; 2]> {
     let target = ((now + excess.value) / (read * read)).max(0.0);
     let g = 0.5 + (0.25 + target).sqrt();
     let s = (libm::log(g) / 4.0).sqrt();
-    let se = excess.se / (read * read) / (8.0 * s.max(MIN_SPREAD) * g * (2.0 * g - 1.0));
-    let spread = [("spread", Estimated { value: s, se })];
+    let se = excess.std_error / (read * read) / (8.0 * s.max(MIN_SPREAD) * g * (2.0 * g - 1.0));
+    let spread = [("spread", Value::new(s, se))];
     let alone = Proposal::of("read-noise-spread", excess.z().abs(), spread)?;
     let median = e.camera.sensor.noise.read_e * libm::exp(present * present - s * s);
     let both = alone.clone().and(with_read_noise(e, median));
-    Some([alone, both.with("read_e", Estimated::chosen(median))])
+    Some([alone, both.with("read_e", Value::chosen(median))])
 }
 
 /// A law of amplitudes over telegraph pixels.
@@ -237,10 +238,10 @@ impl Telegraph {
         let root = (fraction * self.pixels).max(1.0).sqrt();
         let se = fraction * TELEGRAPH_SHARE_ERROR / root;
         let parameters = [
-            ("fraction", Estimated { value: fraction, se }),
-            ("amplitude_e", Estimated { value: amplitude, se: amplitude / root }),
-            ("renewal", Estimated::chosen(self.renewal)),
-            ("spread", Estimated::chosen(spread)),
+            ("fraction", Value::new(fraction, se)),
+            ("amplitude_e", Value { value: amplitude, std_error: amplitude / root }),
+            ("renewal", Value::chosen(self.renewal)),
+            ("spread", Value::chosen(spread)),
         ];
         Proposal::of("random-telegraph-noise", self.strength, parameters)
     }
@@ -342,12 +343,12 @@ fn tails(e: &Evidence<'_>) -> Option<Vec<Proposal>> {
     let propose = |share: f64| {
         let (lambda, fall) = tukey_lambda(target / (share * share));
         let (sigma, rest) = (read * share.sqrt(), read * (1.0 - share).sqrt());
-        let se = kurtosis.se * dilution / (share * share) / fall;
-        let lambda = Estimated { value: lambda, se };
-        let law = [("sigma_e", Estimated::chosen(sigma)), ("lambda", lambda)];
+        let se = kurtosis.std_error * dilution / (share * share) / fall;
+        let lambda = Value::new(lambda, se);
+        let law = [("sigma_e", Value::chosen(sigma)), ("lambda", lambda)];
         let p = Proposal::of("heavy-tailed-read-noise", kurtosis.z().abs(), law)?;
         let p = p.and(with_read_noise(e, rest));
-        Some(if share < 1.0 { p.with("read_e", Estimated::chosen(rest)) } else { p })
+        Some(if share < 1.0 { p.with("read_e", Value::chosen(rest)) } else { p })
     };
     Some(shares.into_iter().filter_map(propose).collect())
 }

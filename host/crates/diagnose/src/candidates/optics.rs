@@ -19,10 +19,11 @@
 use super::proposal::{MIN_STRENGTH, Proposal};
 use super::response;
 use crate::data::channels::Channels;
-use crate::evidence::{Estimated, Evidence, Slope};
+use crate::evidence::{Evidence, Slope};
 use crate::model::effects;
 use crate::statistics::shading;
 use crate::statistics::statistic::{Key, Place, Statistic};
+use camrig_base::Value;
 use camrig_camera::{AnyEffect, Camera, LensKind};
 use camrig_linear::{LeastSquares, Matrix, Vector, inverse, quadratic};
 use camrig_sensor_core::effects::Parameter;
@@ -352,7 +353,7 @@ fn quarter_wave_um(camera: &Camera) -> f64 {
 /// Least squares over some columns.
 struct Solution {
     /// Index of a column and change of its parameter, in the parameter's unit.
-    estimates: Vec<(usize, Estimated)>,
+    estimates: Vec<(usize, Value)>,
     /// Covariance of the changes.
     covariance: Matrix,
     /// By how much the sum of squares falls.
@@ -377,7 +378,7 @@ impl Solution {
         }
         let estimates = free.iter().enumerate().map(|(k, &i)| {
             let se = fit.covariance[(k, k)].sqrt() / norms[k];
-            (i, Estimated { value: fit.coefficients[k] / norms[k], se })
+            (i, Value::new(fit.coefficients[k] / norms[k], se))
         });
         let estimates = estimates.collect();
         let covariance = Matrix::from_fn(free.len(), free.len(), |r, c| {
@@ -399,7 +400,7 @@ impl Solution {
 
 /// New value of a parameter after a change (of defocus: of its square), in the parameter's unit.
 /// `None` where a square would be negative.
-fn moved(camera: &Camera, kind: &str, key: &str, change: Estimated) -> Option<Estimated> {
+fn moved(camera: &Camera, kind: &str, key: &str, change: Value) -> Option<Value> {
     let present = value(camera, kind, key);
     if kind == "defocus" {
         let square = present * present + change.value;
@@ -407,11 +408,11 @@ fn moved(camera: &Camera, kind: &str, key: &str, change: Estimated) -> Option<Es
             return None;
         }
         let shift = square.sqrt() * if present < 0.0 { -1.0 } else { 1.0 };
-        return Some(Estimated { value: shift, se: change.se / (2.0 * shift.abs()) });
+        return Some(Value { value: shift, std_error: change.std_error / (2.0 * shift.abs()) });
     }
     let range = effects::declared(kind).iter().find(|p| p.key == key)?;
     let value = (present + change.value).clamp(f64::from(range.min), f64::from(range.max));
-    Some(Estimated { value, se: change.se })
+    Some(Value { value, std_error: change.std_error })
 }
 
 /// Values of a kind's parameters in a camera, in the order of the declaration; without the effect

@@ -10,12 +10,13 @@
 //! n the frames of a stack, v the variance of its pixels (DN²), K the system gain (DN/e⁻).
 
 use super::proposal::Proposal;
-use crate::evidence::{Estimated, Evidence};
+use crate::evidence::Evidence;
 use crate::numerics::minimise::{lowest, minimum};
 use crate::numerics::spectrum::Background;
 use crate::numerics::tails::median_of_squares;
 use crate::statistics::statistic::{Place, What};
 use crate::statistics::temporal::Temporal;
+use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_captures::Role;
 use camrig_fourier::sinc;
@@ -43,8 +44,8 @@ pub fn periodic(e: &Evidence<'_>) -> Option<Proposal> {
     let [fx, fy] = strongest_line(e, stack)?;
     let wave = [
         ("amplitude_e", amplitude(e, [fx, fy])),
-        ("cycles_per_column", Estimated::chosen(fx)),
-        ("cycles_per_row", Estimated::chosen(fy)),
+        ("cycles_per_column", Value::chosen(fx)),
+        ("cycles_per_row", Value::chosen(fy)),
     ];
     Some(Proposal { beside: true, ..Proposal::of("periodic-pattern-noise", strength, wave)? })
 }
@@ -66,7 +67,7 @@ fn strongest_line(e: &Evidence<'_>, stack: usize) -> Option<[f64; 2]> {
 }
 
 /// Amplitude of a wave over all stacks, e⁻.
-fn amplitude(e: &Evidence<'_>, frequencies: [f64; 2]) -> Estimated {
+fn amplitude(e: &Evidence<'_>, frequencies: [f64; 2]) -> Value {
     let (w, h) = e.size();
     let (mut square, mut weight) = (0.0, 0.0);
     for (i, c) in e.design.conditions.iter().enumerate() {
@@ -76,7 +77,7 @@ fn amplitude(e: &Evidence<'_>, frequencies: [f64; 2]) -> Estimated {
         square += known * power.square_amplitude(frequencies) / (k * k);
         weight += known;
     }
-    Estimated { value: (square / weight).sqrt(), se: (2.0 / (w * h) / weight).sqrt() }
+    Value { value: (square / weight).sqrt(), std_error: (2.0 / (w * h) / weight).sqrt() }
 }
 
 /// Power of the frames of a stack over two frequencies, DN².

@@ -1,8 +1,8 @@
 //! A proposal: one kind of effect with the parameters that an estimator gave it, and how it is put
 //! into a camera.
 
-use crate::evidence::Estimated;
 use crate::model::effects;
+use camrig_base::Value;
 use camrig_camera::{AnyEffect, Camera};
 use camrig_sensor_core::effects::{Effect, Parameter};
 
@@ -27,7 +27,7 @@ pub struct Proposal {
     pub beside: bool,
     /// Parameters by key, in the units of the catalogue, with standard errors; the standard error
     /// of a value that was chosen rather than fitted is NaN.
-    pub parameters: Vec<(&'static str, Estimated)>,
+    pub parameters: Vec<(&'static str, Value)>,
     /// Distance of the amplitude from what the model has, standard errors.
     pub strength: f64,
 }
@@ -38,7 +38,7 @@ impl Proposal {
     pub(super) fn of(
         kind: &'static str,
         strength: f64,
-        parameters: impl Into<Vec<(&'static str, Estimated)>>,
+        parameters: impl Into<Vec<(&'static str, Value)>>,
     ) -> Option<Self> {
         let parameters = parameters.into();
         let entry = Effect::CATALOGUE.iter().find(|entry| entry.kind == kind)?;
@@ -71,7 +71,7 @@ impl Proposal {
     }
 
     /// The same with a parameter, in the catalogue's unit.
-    pub(crate) fn with(mut self, key: &'static str, value: Estimated) -> Self {
+    pub(crate) fn with(mut self, key: &'static str, value: Value) -> Self {
         self.parameters.push((key, value));
         self
     }
@@ -140,14 +140,14 @@ pub fn with_all(base: &Camera, proposals: &[Proposal]) -> Camera {
 
 /// New standard deviation from the present one and an excess of variance, in the unit of the first
 /// and its square; `None` where the variance is not positive.
-pub(super) fn deviation(present: f64, excess: Estimated) -> Option<Estimated> {
+pub(super) fn deviation(present: f64, excess: Value) -> Option<Value> {
     let value = present * present + excess.value;
-    (value > 0.0).then(|| Estimated { value, ..excess }.sqrt())
+    Value { value, ..excess }.sqrt()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{AnyEffect, Estimated, Proposal};
+    use super::{AnyEffect, Proposal, Value};
     use camrig_sensor_core::effects::quantum_efficiency::QuantumEfficiency;
     use camrig_sensor_core::effects::relative_illumination::RelativeIllumination;
 
@@ -155,7 +155,7 @@ mod tests {
     fn a_revised_effect_has_its_new_value_among_effects_and_parameters() {
         let efficiency = |ratio: f32| QuantumEfficiency { ratio }.into();
         let old = Proposal::new("quantum-efficiency", efficiency(0.9993), 9.0);
-        let mut named = vec![old.with("ratio", Estimated { value: 0.9993, se: 4e-5 })];
+        let mut named = vec![old.with("ratio", Value { value: 0.9993, std_error: 4e-5 })];
         let mut shading = Proposal::new(
             "relative-illumination",
             RelativeIllumination { corner: -0.006 }.into(),

@@ -18,11 +18,12 @@
 use super::common::{channel_count, present};
 use super::proposal::Proposal;
 use crate::data::design::{Condition, same_temperature};
-use crate::evidence::{Estimated, Evidence, pooled, slope};
+use crate::evidence::{Evidence, slope};
 use crate::model::effects::current;
 use crate::numerics::minimise::minimum;
 use crate::statistics::maps::{MapKind, reference_dark};
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_camera::AnyEffect;
 use camrig_captures::Role;
 use camrig_linear::{Matrix, Singular, Vector, apply};
@@ -49,11 +50,11 @@ const SINGULAR: f64 = 1e-9;
 const EXPOSURES_APART: f64 = 1.5;
 
 /// Measured over predicted signal of a channel of a flat, less 1.
-fn relative(e: &Evidence<'_>, stack: usize, channel: u8) -> Option<Estimated> {
+fn relative(e: &Evidence<'_>, stack: usize, channel: u8) -> Option<Value> {
     let place = Place::Stack(stack);
     let d = e.difference(place, What::Mean(channel))?;
     let m = e.predicted(place, What::Mean(channel))?;
-    (m > 0.0).then(|| d.over(m))
+    (m > 0.0).then(|| d.scaled(1.0 / m))
 }
 
 /// Flats whose light is known.
@@ -77,7 +78,7 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
             plane_3_dn: 0.0,
         },
     };
-    let own: Vec<Estimated> = (0..channel_count(e))
+    let own: Vec<Value> = (0..channel_count(e))
         .filter_map(|c| e.difference(Place::Stack(reference), What::Mean(c)))
         .collect();
     if own.is_empty() {
@@ -86,27 +87,32 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let n = own.len() as f64;
     let mean = own.iter().map(|o| o.value).sum::<f64>() / n;
     // Channels share rows and columns: their errors do not average.
-    let se = own.iter().map(|o| o.se).sum::<f64>() / n;
+    let se = own.iter().map(|o| o.std_error).sum::<f64>() / n;
     let mut common = present;
     common.offset_dn += mean as f32;
     let offset = f64::from(common.offset_dn);
     let all = Proposal::new("black-level-offset", common.into(), (mean / se).abs());
-    let mut out = vec![all.with("offset_dn", Estimated { value: offset, se })];
+    let mut out = vec![all.with("offset_dn", Value::new(offset, se))];
     out.extend(black_level_by_phase(e, common, se));
     out.extend(black_level_over_gain(e, present, reference));
     out
 }
 
 /// Black level of the four phases of a 2 x 2 pattern beside the `common` one, which has the
-/// standard error `se`, DN: from the contrasts of the offset map.
-fn black_level_by_phase(e: &Evidence<'_>, common: BlackLevelOffset, se: f64) -> Option<Proposal> {
+/// standard error `std_error`, DN: from the contrasts of the offset map.
+fn black_level_by_phase(
+    e: &Evidence<'_>,
+    common: BlackLevelOffset,
+    std_error: f64,
+) -> Option<Proposal> {
     let of = |what| e.difference(Place::Map(MapKind::Offset), what);
     let rows = of(What::EveryOtherRow)?;
     let columns = of(What::EveryOtherColumn)?;
     let checkerboard = of(What::Checkerboard)?;
     let (r, c, x) = (rows.value, columns.value, checkerboard.value);
     let own = [r + c + x, r - c - x, c - r - x, x - r - c].map(|o| o / 2.0);
-    let se_own = libm::hypot(libm::hypot(rows.se, columns.se), checkerboard.se) / 2.0;
+    let se_own =
+        libm::hypot(libm::hypot(rows.std_error, columns.std_error), checkerboard.std_error) / 2.0;
     let mut apart = common;
     let parts = [
         ("plane_0_dn", &mut apart.plane_0_dn),
@@ -114,10 +120,10 @@ fn black_level_by_phase(e: &Evidence<'_>, common: BlackLevelOffset, se: f64) -> 
         ("plane_2_dn", &mut apart.plane_2_dn),
         ("plane_3_dn", &mut apart.plane_3_dn),
     ];
-    let mut parameters = vec![("offset_dn", Estimated { value: f64::from(common.offset_dn), se })];
+    let mut parameters = vec![("offset_dn", Value::new(f64::from(common.offset_dn), std_error))];
     for ((key, part), own) in parts.into_iter().zip(own) {
         *part += own as f32;
-        parameters.push((key, Estimated { value: f64::from(*part), se: se_own }));
+        parameters.push((key, Value { value: f64::from(*part), std_error: se_own }));
     }
     // Columns alone are what channels of the read-out do.
     let strength = libm::hypot(rows.z(), checkerboard.z());
@@ -143,12 +149,12 @@ fn black_level_over_gain(
     let mut moved = present;
     moved.per_gain_dn += per_gain.value as f32;
     let p = Proposal::new("black-level-offset", moved.into(), per_gain.z().abs());
-    Some(p.with("per_gain_dn", Estimated { value: moved.per_gain_dn.into(), ..per_gain }))
+    Some(p.with("per_gain_dn", Value { value: moved.per_gain_dn.into(), ..per_gain }))
 }
 
 /// Common factor of the means of all flats, less 1.
-fn common_factor(e: &Evidence<'_>) -> Option<Estimated> {
-    pooled(
+fn common_factor(e: &Evidence<'_>) -> Option<Value> {
+    Value::combine(
         known_flats(e)
             .flat_map(|(i, _)| (0..channel_count(e)).filter_map(move |k| relative(e, i, k))),
     )
@@ -156,12 +162,12 @@ fn common_factor(e: &Evidence<'_>) -> Option<Estimated> {
 
 /// Variance over mean of the flats in that of the model, less 1: photon transfer, with the model's
 /// dark variance.
-fn transfer_factor(e: &Evidence<'_>) -> Option<Estimated> {
-    pooled(e.flats().filter_map(|(i, c)| {
+fn transfer_factor(e: &Evidence<'_>) -> Option<Value> {
+    Value::combine(e.flats().filter_map(|(i, c)| {
         let (vd, vm) = e.variance(i)?;
-        let se = e.variance_excess(i)?.se / vm;
+        let se = e.variance_excess(i)?.std_error / vm;
         let means = if c.level_known { relative(e, i, 0)?.value } else { 0.0 };
-        Some(Estimated { value: vd / vm / (1.0 + means) - 1.0, se })
+        Some(Value::new(vd / vm / (1.0 + means) - 1.0, se))
     }))
 }
 
@@ -190,9 +196,9 @@ pub fn system_gain(e: &Evidence<'_>) -> Option<Proposal> {
     let (mean, transfer) = (common_factor(e), transfer_factor(e));
     let f = match efficiency {
         Some(_) => transfer?,
-        None => pooled(mean.into_iter().chain(transfer))?,
+        None => Value::combine(mean.into_iter().chain(transfer))?,
     };
-    let ratio = Estimated { value: present * (1.0 + f.value), se: present * f.se };
+    let ratio = Value { value: present * (1.0 + f.value), std_error: present * f.std_error };
     let mut p = Proposal::of("system-gain", f.z().abs(), [("ratio", ratio)])?;
     if let (Some(efficiency), Some(mean)) = (efficiency, mean) {
         p.revised.push(with_efficiency(efficiency * (1.0 + mean.value) / (1.0 + f.value)));
@@ -210,13 +216,13 @@ pub fn quantum_efficiency(e: &Evidence<'_>) -> Option<Proposal> {
             let transfer = transfer_factor(e)?;
             let value = (1.0 + mean.value) / (1.0 + transfer.value) - 1.0;
             let ratio = gain * (1.0 + transfer.value);
-            let se = libm::hypot(mean.se, transfer.se);
+            let se = libm::hypot(mean.std_error, transfer.std_error);
             let gain = AnyEffect::Sensor(SystemGain { ratio: ratio as f32 }.into());
-            (Estimated { value, se }, vec![gain])
+            (Value::new(value, se), vec![gain])
         }
         None => (mean, Vec::new()),
     };
-    let ratio = Estimated { value: present * (1.0 + f.value), se: present * f.se };
+    let ratio = Value { value: present * (1.0 + f.value), std_error: present * f.std_error };
     let mut p = Proposal::of("quantum-efficiency", f.z().abs(), [("ratio", ratio)])?;
     p.revised = revised;
     Some(p)
@@ -233,7 +239,7 @@ struct Bend {
     /// c, 0 where it is not free.
     scale: f64,
     /// a and b.
-    values: [Estimated; 2],
+    values: [Value; 2],
     /// χ² left.
     left: f64,
     /// Fall of χ² by a and b.
@@ -242,11 +248,11 @@ struct Bend {
 
 /// Least squares over points of x and m/m' − 1; `free` says whether c is. `None` where the points
 /// do not allow it.
-fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend> {
+fn bend(points: &[(f64, Value)], free: bool, n: f64, l: f64) -> Option<Bend> {
     let weighted = |f: &dyn Fn(f64) -> f64| {
-        Vector::from_iterator(points.len(), points.iter().map(|(x, r)| f(*x) / r.se))
+        Vector::from_iterator(points.len(), points.iter().map(|(x, r)| f(*x) / r.std_error))
     };
-    let y = Vector::from_iterator(points.len(), points.iter().map(|(_, r)| r.value / r.se));
+    let y = Vector::from_iterator(points.len(), points.iter().map(|(_, r)| r.value / r.std_error));
     let scale = weighted(&|_| f64::from(u8::from(free)));
     let unbent = match scale.norm_squared() {
         0.0 => y.clone(),
@@ -262,7 +268,7 @@ fn bend(points: &[(f64, Estimated)], free: bool, n: f64, l: f64) -> Option<Bend>
     let least = SINGULAR * singular.largest();
     let solved = singular.solve(&y, least)?;
     let inverse = singular.pseudo_inverse(least)?;
-    let value = |i: usize| Estimated { value: solved[i], se: inverse.row(i).norm() };
+    let value = |i: usize| Value { value: solved[i], std_error: inverse.row(i).norm() };
     let left = (&y - apply(&a, &solved)).norm_squared();
     let fell = (unbent.norm_squared() - left).max(0.0);
     Some(Bend { scale: solved[0], values: [value(1), value(2)], left, fell })
@@ -283,7 +289,7 @@ pub fn nonlinearity(e: &Evidence<'_>) -> Vec<Proposal> {
 }
 
 /// Level in full wells, and m/m' − 1, of each channel of the flats.
-fn levels_and_signals(e: &Evidence<'_>) -> Vec<(f64, Estimated)> {
+fn levels_and_signals(e: &Evidence<'_>) -> Vec<(f64, Value)> {
     let full = e.camera.sensor.full_well_e;
     known_flats(e)
         .flat_map(|(i, c)| {
@@ -295,7 +301,7 @@ fn levels_and_signals(e: &Evidence<'_>) -> Vec<(f64, Estimated)> {
 }
 
 /// The nonlinearity with the scale of the light free or as known.
-fn with_scale(e: &Evidence<'_>, points: &[(f64, Estimated)], free: bool) -> Option<Proposal> {
+fn with_scale(e: &Evidence<'_>, points: &[(f64, Value)], free: bool) -> Option<Proposal> {
     let (loss, exponent, fit) = match current(e.camera, "nonlinearity") {
         // In the model already: what is to be added to its loss and exponent.
         Some(Effect::Nonlinearity(x)) => {
@@ -314,8 +320,8 @@ fn with_scale(e: &Evidence<'_>, points: &[(f64, Estimated)], free: bool) -> Opti
         }
     };
     let exponent = exponent.clamp(EXPONENTS[0], EXPONENTS[1]);
-    let loss = Estimated { value: loss, ..fit.values[0] };
-    let exponent = Estimated { value: exponent, ..fit.values[1] };
+    let loss = Value { value: loss, ..fit.values[0] };
+    let exponent = Value { value: exponent, ..fit.values[1] };
     let law = [("loss", loss), ("exponent", exponent)];
     let mut p = Proposal::of("nonlinearity", fit.fell.sqrt(), law)?;
     p.revised.extend(present_efficiency(e).map(|r| with_efficiency(r * (1.0 + fit.scale))));
@@ -331,13 +337,13 @@ pub fn image_lag(e: &Evidence<'_>) -> Option<Proposal> {
         })
     }))?;
     let present = present(e.camera, "image-lag", "fraction").unwrap_or(0.0);
-    let fraction = Estimated { value: (present + after.value).max(0.0), ..after };
+    let fraction = Value { value: (present + after.value).max(0.0), ..after };
     Proposal::of("image-lag", after.z().abs(), [("fraction", fraction)])
 }
 
 /// `exposure-offset`: signal over exposure, against one over exposure.
 pub fn exposure_offset(e: &Evidence<'_>) -> Option<Proposal> {
-    let points: Vec<(f64, Estimated)> = known_flats(e)
+    let points: Vec<(f64, Value)> = known_flats(e)
         .flat_map(|(i, c)| {
             let of = move |k| Some((1.0 / c.stack.exposure_s, relative(e, i, k)?));
             (0..channel_count(e)).filter_map(of)
@@ -356,5 +362,5 @@ pub fn exposure_offset(e: &Evidence<'_>) -> Option<Proposal> {
     let offset = present + found.value * 1e6;
     let effect = ExposureOffset { offset_us: offset as f32, step_us: step };
     let p = Proposal::new("exposure-offset", effect.into(), found.z().abs());
-    Some(p.with("offset_us", Estimated { value: offset, se: found.se * 1e6 }))
+    Some(p.with("offset_us", Value { value: offset, std_error: found.std_error * 1e6 }))
 }

@@ -14,11 +14,12 @@
 
 use super::common::{LN_SIGMA_REACH, of_excess, present};
 use super::proposal::{Proposal, deviation};
-use crate::evidence::{Estimated, Evidence, pooled};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::minimise::lowest;
 use crate::statistics::statistic::What;
 use crate::statistics::temporal::mean;
+use camrig_base::Value;
 use camrig_captures::Role;
 
 /// Exponents of the spectrum that are searched. The upper end is that of the effect; at the lower
@@ -30,9 +31,13 @@ const WHITE_BELOW: f64 = 0.2;
 
 /// Excess, over the model, of a variance that is the same in every stack, e⁻². `what` is a ratio
 /// to the variance of the mean of `across` pixels.
-pub(super) fn common_excess(e: &Evidence<'_>, what: What, across: f64) -> Option<Estimated> {
+pub(super) fn common_excess(e: &Evidence<'_>, what: What, across: f64) -> Option<Value> {
     let stacks = e.design.conditions.iter().enumerate();
-    pooled(stacks.filter_map(|(i, c)| Some(e.component(i, what, across)?.over(e.gain(c).powi(2)))))
+    Value::combine(
+        stacks.filter_map(|(i, c)| {
+            Some(e.component(i, what, across)?.scaled(1.0 / e.gain(c).powi(2)))
+        }),
+    )
 }
 
 /// Standard deviation of the rows' temporal noise in the model, e⁻.
@@ -83,8 +88,8 @@ pub fn row_correlated(e: &Evidence<'_>) -> Option<Proposal> {
         }
         _ => excess.z().abs(),
     };
-    let sigma = Estimated { value: sigma, ..s };
-    let law = [("sigma_e", sigma), ("exponent", Estimated::chosen(exponent))];
+    let sigma = Value { value: sigma, ..s };
+    let law = [("sigma_e", sigma), ("exponent", Value::chosen(exponent))];
     Proposal::of("row-correlated-noise", strength, law)
 }
 

@@ -11,11 +11,12 @@
 
 use super::blocks::{self, block_means};
 use super::proposal::Proposal;
-use crate::evidence::{Estimated, Evidence};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::minimise::minimum;
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_fourier::sinc;
 use std::f64::consts::{PI, SQRT_2};
 
@@ -47,8 +48,8 @@ pub fn low_frequency(e: &Evidence<'_>) -> Option<Proposal> {
     let strength = (deviance(&waves, order, 0.0) - left).max(0.0).sqrt();
     // The scatter of a standard deviation from so many normal numbers.
     let count = ((order + 1).pow(2) - 1) as f64;
-    let sigma = Estimated { value: sigma, se: sigma / (2.0 * count).sqrt() };
-    let law = [("sigma", sigma), ("order", Estimated::chosen(order as f64))];
+    let sigma = Value { value: sigma, std_error: sigma / (2.0 * count).sqrt() };
+    let law = [("sigma", sigma), ("order", Value::chosen(order as f64))];
     Proposal::of("prnu-low-frequency", strength, law)
 }
 

@@ -9,11 +9,12 @@
 
 use super::common::channel_count;
 use super::proposal::Proposal;
-use crate::evidence::{Estimated, Evidence};
+use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::minimise::minimum;
 use crate::statistics::maps::{SATURATED_FLAT, saturated};
 use crate::statistics::statistic::{Place, What};
+use camrig_base::Value;
 use camrig_captures::Role;
 use camrig_sensor_core::effects::Effect;
 
@@ -48,9 +49,9 @@ struct Bright {
     /// Relative standard deviation of the pixels.
     prnu: f64,
     /// What the well took of the mean, e⁻.
-    loss: Estimated,
+    loss: Value,
     /// What the well took of the variance over frames, e⁻²; none where the converter saturates.
-    calm: Option<Estimated>,
+    calm: Option<Value>,
 }
 
 impl Bright {
@@ -120,17 +121,17 @@ fn with_knee(flats: &[Bright], most: f64, knee: f64) -> Option<Proposal> {
     let left = misfit(well);
     // χ² rises by 1 at one standard error.
     let bend = (misfit(well + step) + misfit(well - step) - 2.0 * left) / 2.0;
-    let well = Estimated { value: well, se: step / bend.max(1e-12).sqrt() };
+    let well = Value { value: well, std_error: step / bend.max(1e-12).sqrt() };
     let without = chi_squared(flats, f64::MAX.sqrt(), 0.0);
     let strength = (without - left).max(0.0).sqrt();
-    Proposal::of("full-well", strength, [("full_well_e", well), ("knee", Estimated::chosen(knee))])
+    Proposal::of("full-well", strength, [("full_well_e", well), ("knee", Value::chosen(knee))])
 }
 
 /// χ² of what the flats lack against what a well (e⁻) with a knee takes.
 fn chi_squared(flats: &[Bright], well: f64, knee: f64) -> f64 {
     let of = |b: &Bright| {
         let (loss, calm) = b.losses(well, knee);
-        let z = |found: &Estimated, expected: f64| (found.value - expected) / found.se;
+        let z = |found: &Value, expected: f64| (found.value - expected) / found.std_error;
         z(&b.loss, loss).powi(2) + b.calm.map_or(0.0, |c| z(&c, calm).powi(2))
     };
     flats.iter().map(of).sum()
@@ -145,7 +146,8 @@ fn bright_flats(e: &Evidence<'_>, held: Option<(f64, f64)>) -> Vec<Bright> {
         let (k, place) = (e.gain(c), Place::Stack(i));
         for class in 0..channel_count(e) {
             let Some(short) = e.difference(place, What::Mean(class)) else { continue };
-            let less = |x: Estimated, k: f64| Estimated { value: -x.value / k, se: x.se / k };
+            let less =
+                |x: Value, k: f64| Value { value: -x.value / k, std_error: x.std_error / k };
             let noise = e.difference(place, What::Variance(class));
             let mut flat = Bright {
                 electrons: c.photo_e[usize::from(class).min(c.photo_e.len() - 1)],
@@ -175,7 +177,7 @@ mod tests {
 
     #[test]
     fn a_sharp_well_takes_what_the_closed_forms_say() {
-        let nothing = Estimated { value: 0.0, se: 1.0 };
+        let nothing = Value { value: 0.0, std_error: 1.0 };
         let flat = Bright { electrons: 4000.0, prnu: 0.0, loss: nothing, calm: None };
         // At the mean, half of a normal law is cut: E[max(x, 0)] = s φ(0), and
         // Var[min(x, 0)] = s² (1/2 − 1/2π).

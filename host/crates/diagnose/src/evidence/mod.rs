@@ -1,10 +1,8 @@
 //! The input of an estimator: measured statistics and those that the present model predicts, the
 //! moments and maps they come from, and simulated derivatives of the figures of targets.
 
-mod estimated;
 mod side_by_side;
 mod slopes;
 
-pub use estimated::{Estimated, pooled, slope};
-pub use side_by_side::Evidence;
+pub use side_by_side::{Evidence, slope};
 pub use slopes::{Slope, Slopes};

@@ -1,6 +1,5 @@
 //! Measured statistics, and those that the present model predicts.
 
-use super::estimated::Estimated;
 use super::slopes::Slopes;
 use crate::data::channels::Channels;
 use crate::data::design::{Condition, Design};
@@ -12,6 +11,7 @@ use crate::statistics::maps::{
 use crate::statistics::statistic::{Key, Place, Scale, Values, What};
 use crate::statistics::temporal::Temporal;
 use camrig_base::Result;
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_captures::Role;
 use std::collections::BTreeMap;
@@ -58,7 +58,7 @@ impl Evidence<'_> {
 
     /// Measured less predicted, in the statistic's own unit, with the scatter that theory gives
     /// the measured value.
-    pub fn difference(&self, place: Place, what: What) -> Option<Estimated> {
+    pub fn difference(&self, place: Place, what: What) -> Option<Value> {
         let key = (place, what);
         let (s, p) = (self.data.get(&key)?, self.model.of.get(&key)?);
         // From the statistic's scale to its own unit, at the prediction: a scatter that followed
@@ -70,7 +70,7 @@ impl Evidence<'_> {
             Scale::Count => s.value.max(p.value).max(1.0).sqrt() / p.sd,
         };
         let allowed = self.allowance.get(&key).copied().unwrap_or(0.0);
-        Some(Estimated { value: s.value - p.value, se: libm::hypot(p.sd, allowed) * factor })
+        Some(Value { value: s.value - p.value, std_error: libm::hypot(p.sd, allowed) * factor })
     }
 
     /// Mean of the channels' pixel variance, measured and predicted, DN².
@@ -86,27 +86,30 @@ impl Evidence<'_> {
     }
 
     /// Excess of the mean pixel variance over the model, DN².
-    pub fn variance_excess(&self, stack: usize) -> Option<Estimated> {
+    pub fn variance_excess(&self, stack: usize) -> Option<Value> {
         let classes = self.camera.sensor.channel_names.len() as u8;
         let place = Place::Stack(stack);
-        let parts: Option<Vec<Estimated>> =
+        let parts: Option<Vec<Value>> =
             (0..classes).map(|c| self.difference(place, What::Variance(c))).collect();
         let parts = parts?;
         let n = parts.len() as f64;
-        let var = parts.iter().map(|p| p.se * p.se).sum::<f64>() / (n * n);
-        Some(Estimated { value: parts.iter().map(|p| p.value).sum::<f64>() / n, se: var.sqrt() })
+        let var = parts.iter().map(|p| p.std_error * p.std_error).sum::<f64>() / (n * n);
+        Some(Value {
+            value: parts.iter().map(|p| p.value).sum::<f64>() / n,
+            std_error: var.sqrt(),
+        })
     }
 
     /// Excess, DN², of a variance that is kept as its ratio to the pixel variance over `across`
     /// pixels.
-    pub fn component(&self, stack: usize, what: What, across: f64) -> Option<Estimated> {
+    pub fn component(&self, stack: usize, what: What, across: f64) -> Option<Value> {
         let place = Place::Stack(stack);
         let (d, m) = (self.measured(place, what)?, self.predicted(place, what)?);
         let (vd, vm) = self.variance(stack)?;
-        let relative = self.difference(place, what)?.se / m;
+        let relative = self.difference(place, what)?.std_error / m;
         let value = (d * vd - m * vm) / across;
         // The ratio of white noise is 1; a smaller one in a replicate is scatter.
-        Some(Estimated { value, se: relative * m * vm / across })
+        Some(Value { value, std_error: relative * m * vm / across })
     }
 
     /// Deviation of several statistics together from the model, Σ z/√n, each on the scale on which
@@ -164,4 +167,11 @@ impl Evidence<'_> {
         let i = reference_dark(self.design)?;
         Some(self.gain(&self.design.conditions[i]))
     }
+}
+
+/// Slope of y over x of a line through the origin, weighted by inverse variance, for points (x,
+/// y).
+pub fn slope(points: impl IntoIterator<Item = (f64, Value)>) -> Option<Value> {
+    let ratios = points.into_iter().filter(|(x, _)| *x != 0.0).map(|(x, y)| y.scaled(1.0 / x));
+    Value::combine(ratios)
 }

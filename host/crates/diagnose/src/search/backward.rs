@@ -154,7 +154,7 @@ fn would_move(measured: &Measured, model: Model<'_>) -> bool {
     model.named.iter().any(|p| {
         anew.iter().find(|a| estimates(a, p)).is_some_and(|a| {
             std::iter::zip(&a.parameters, &p.parameters)
-                .any(|((_, a), (_, p))| (a.value - p.value).abs() > TAKES_OVER * a.se)
+                .any(|((_, a), (_, p))| (a.value - p.value).abs() > TAKES_OVER * a.std_error)
         })
     })
 }

@@ -107,7 +107,7 @@ fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
         // A parameter that the estimator fixes has no scatter, and any alias of a frequency may
         // come back.
         if variance > 0.0 && !key.starts_with("cycles_per_") {
-            parameter.se = (variance * (1.0 + more)).sqrt() * few;
+            parameter.std_error = (variance * (1.0 + more)).sqrt() * few;
         }
     }
 }
@@ -116,8 +116,11 @@ fn set_errors(named: &mut Proposal, estimates: &[Vec<f64>], more: f64) {
 /// differ by a turn.
 fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
     let agree = std::iter::zip(&a.parameters, &b.parameters).all(|((_, a), (_, b))| {
-        let known =
-            if a.se.is_finite() { MAX_DIFFERENCE * a.se } else { SAME_VALUE * a.value.abs() };
+        let known = if a.std_error.is_finite() {
+            MAX_DIFFERENCE * a.std_error
+        } else {
+            SAME_VALUE * a.value.abs()
+        };
         (a.value - b.value).abs() <= known
     });
     if !agree {
@@ -137,7 +140,7 @@ fn mean_of_halves(a: &Proposal, b: &Proposal) -> Option<Proposal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::Estimated;
+    use camrig_base::Value;
     use camrig_sensor_core::effects::periodic_pattern_noise::PeriodicPatternNoise;
 
     fn wave(amplitude: f64, fx: f64) -> Proposal {
@@ -147,8 +150,8 @@ mod tests {
             cycles_per_row: 0.0,
         };
         Proposal::new("periodic-pattern-noise", effect.into(), 10.0)
-            .with("amplitude_e", Estimated { value: amplitude, se: 0.1 })
-            .with("cycles_per_column", Estimated::chosen(fx))
+            .with("amplitude_e", Value { value: amplitude, std_error: 0.1 })
+            .with("cycles_per_column", Value::chosen(fx))
     }
 
     #[test]
@@ -170,11 +173,11 @@ mod tests {
         // Variance 16/15 0.1², half more; Student's t of 15 degrees of freedom; a frequency keeps
         // none.
         let expected = (16.0 / 15.0 * 0.01 * 1.5f64).sqrt() * 1.753 / 1.645;
-        assert!((named.parameters[0].1.se / expected - 1.0).abs() < 1e-3);
-        assert!(named.parameters[1].1.se.is_nan());
+        assert!((named.parameters[0].1.std_error / expected - 1.0).abs() < 1e-3);
+        assert!(named.parameters[1].1.std_error.is_nan());
         // Too few estimates change nothing.
-        let before = named.parameters[0].1.se;
+        let before = named.parameters[0].1.std_error;
         set_errors(&mut named, &estimates[..MIN_ESTIMATES - 1], 3.0);
-        assert_eq!(named.parameters[0].1.se, before);
+        assert_eq!(named.parameters[0].1.std_error, before);
     }
 }

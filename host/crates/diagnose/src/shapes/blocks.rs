@@ -7,11 +7,11 @@ use super::seen::Seen;
 use super::stage::shortest_s;
 use super::view::{View, change_mean, gain};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::Finding;
 use crate::report::{Domain, Form};
 use crate::statistics::maps::MapKind;
 use crate::statistics::temporal::Temporal;
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::Empirical;
 
@@ -26,15 +26,15 @@ pub(crate) struct Blocks {
     rows: Vec<usize>,
     size: (usize, usize),
     /// Levels minus the mean of all parts, in the order of the maps, row-major.
-    levels: [Vec<Estimated>; 3],
+    levels: [Vec<Value>; 3],
     evidence: [f64; 2],
 }
 
 /// Means of the parts of a map minus the mean of all, in the unit of findings.
-fn levels(view: &View<'_>, kind: MapKind, columns: &[usize], rows: &[usize]) -> Vec<Estimated> {
+fn levels(view: &View<'_>, kind: MapKind, columns: &[usize], rows: &[usize]) -> Vec<Value> {
     let parts = columns.len() * rows.len();
     let Some(plane) = view.plane(kind) else {
-        return vec![Estimated::chosen(0.0); parts];
+        return vec![Value::chosen(0.0); parts];
     };
     let (w, unit) = (plane.width, view.unit(kind));
     let map = view.levelled(plane);
@@ -50,7 +50,7 @@ fn levels(view: &View<'_>, kind: MapKind, columns: &[usize], rows: &[usize]) -> 
         let n: f64 = counts[i];
         let mean = sums[i] / n;
         let variance = (squares[i] / n - mean * mean).max(0.0);
-        Estimated { value: mean - all, se: (variance / n).sqrt() }
+        Value { value: mean - all, std_error: (variance / n).sqrt() }
     };
     (0..parts).map(of).collect()
 }
@@ -75,20 +75,22 @@ pub(crate) fn of(
     let levels = MAPS.map(|kind| {
         let [a, b] = [fit, held_out].map(|view| levels(view, kind, &columns, &rows));
         interact |= interacts(&a, columns.len()) && interacts(&b, columns.len());
-        let both =
-            a.iter().zip(&b).map(|(a, b)| Estimated { value: (a.value + b.value) / 2.0, ..*a });
+        let both = a.iter().zip(&b).map(|(a, b)| Value { value: (a.value + b.value) / 2.0, ..*a });
         let significant = a.iter().any(|e| e.z().abs() > SIGNIFICANT);
-        let all: Vec<Estimated> = both.collect();
-        if significant { all } else { vec![Estimated::chosen(0.0); all.len()] }
+        let all: Vec<Value> = both.collect();
+        if significant { all } else { vec![Value::chosen(0.0); all.len()] }
     });
     interact.then_some(Blocks { columns, rows, size: (t.width, t.height), levels, evidence })
 }
 
 /// Whether levels are not sums of a term per column of parts and a term per row of parts.
-fn interacts(levels: &[Estimated], columns: usize) -> bool {
+fn interacts(levels: &[Value], columns: usize) -> bool {
     let corner = |x: usize, y: usize| {
         let [a, b, c, d] = [0, x, y * columns, y * columns + x].map(|i| levels[i]);
-        let se = libm::hypot(libm::hypot(libm::hypot(a.se, b.se), c.se), d.se);
+        let se = libm::hypot(
+            libm::hypot(libm::hypot(a.std_error, b.std_error), c.std_error),
+            d.std_error,
+        );
         (a.value - b.value - c.value + d.value).abs() > SIGNIFICANT * se
     };
     let rows = levels.len() / columns;
@@ -115,18 +117,18 @@ impl Blocks {
     fn finding(&self, part: usize) -> Finding {
         let step = |map: usize| {
             let (a, b) = (self.levels[map][0], self.levels[map][part]);
-            Estimated { value: b.value - a.value, se: libm::hypot(a.se, b.se) }
+            Value { value: b.value - a.value, std_error: libm::hypot(a.std_error, b.std_error) }
         };
         let steps = [step(0), step(1), step(2)];
-        let ratio = Estimated { value: self.gain(part) / self.gain(0), se: steps[0].se };
-        let start = |i: usize, starts: &[usize]| Estimated::chosen(starts[i] as f64);
+        let ratio = Value { value: self.gain(part) / self.gain(0), std_error: steps[0].std_error };
+        let start = |i: usize, starts: &[usize]| Value::chosen(starts[i] as f64);
         let mut parameters = vec![
             ("first_column", start(part % self.columns.len(), &self.columns)),
             ("first_row", start(part / self.columns.len(), &self.rows)),
         ];
         let (figures, words) = differences(ratio, steps);
         parameters.extend(figures);
-        let domain = if ratio.se.is_finite() { Domain::Gain } else { Domain::Offset };
+        let domain = if ratio.std_error.is_finite() { Domain::Gain } else { Domain::Offset };
         Finding {
             parameters,
             description: format!(

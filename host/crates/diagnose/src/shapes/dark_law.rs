@@ -9,13 +9,13 @@ use super::stage;
 use super::view::View;
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::minimise::lowest;
 use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::statistic::{Key, Place};
 use crate::statistics::temporal::{Temporal, mean};
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Law, Table};
 use camrig_captures::Role;
@@ -43,9 +43,9 @@ const LN_HOT: [f64; 2] = [-9.0, -0.7];
 
 /// A log-normal distribution of the dark current.
 pub(crate) struct DarkLaw {
-    mean: Estimated,
-    spread: Estimated,
-    sd: Estimated,
+    mean: Value,
+    spread: Value,
+    sd: Value,
     shortest_s: f64,
     evidence: [f64; 2],
 }
@@ -198,9 +198,9 @@ fn law(fit: &View<'_>, held_out: &View<'_>) -> Option<DarkLaw> {
     let by_spread = mean * libm::exp(s * s) * s / ratio;
     let mean_se = (sd * sd + a.noise.0).sqrt() / a.pixels.sqrt();
     Some(DarkLaw {
-        mean: Estimated { value: mean, se: mean_se },
-        spread: Estimated { value: s, se: spread_se },
-        sd: Estimated { value: sd, se: libm::hypot(by_spread * spread_se, ratio * mean_se) },
+        mean: Value { value: mean, std_error: mean_se },
+        spread: Value { value: s, std_error: spread_se },
+        sd: Value { value: sd, std_error: libm::hypot(by_spread * spread_se, ratio * mean_se) },
         shortest_s: stage::shortest_s(fit.design),
         evidence,
     })

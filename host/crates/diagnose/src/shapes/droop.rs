@@ -11,13 +11,13 @@ use super::stage;
 use super::view::{IN_THE_DARK, View, gain};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::spectrum::Spectrum;
 use crate::report::{Dependence, Domain};
 use crate::statistics::maps;
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{LAGS, Temporal, mean};
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::Empirical;
 use camrig_captures::Role;
@@ -54,8 +54,8 @@ pub(crate) struct Droop {
     is_seen: bool,
     /// Whether it is equal in light and in the dark.
     alike: bool,
-    length: Estimated,
-    sigma_e: Estimated,
+    length: Value,
+    sigma_e: Value,
     evidence: [f64; 2],
 }
 
@@ -133,7 +133,7 @@ fn fitted<'a>(
     profiles: impl IntoIterator<Item = &'a Profile>,
     length: f64,
     from_end: bool,
-) -> (Estimated, f64, f64) {
+) -> (Value, f64, f64) {
     let (mut xx, mut xy, mut pixels, mut lines) = (0.0, 0.0, (0.0, 0.0), (0.0, 0.0));
     for p in profiles {
         let n = p.pixels.len();
@@ -163,7 +163,7 @@ fn fitted<'a>(
     }
     let value = (xy / xx).max(0.0);
     let alone = (pixels.1 / pixels.0).max(0.0);
-    (Estimated { value, se: xx.sqrt().recip() }, value * value * xx, alone * alone * pixels.0)
+    (Value { value, std_error: xx.sqrt().recip() }, value * value * xx, alone * alone * pixels.0)
 }
 
 /// Measured over expected covariance of neighbours.
@@ -191,7 +191,7 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
     }
     let ratio = libm::pow(longest / shortest, 1.0 / (LENGTHS - 1) as f64);
     let lengths: Vec<f64> = (0..LENGTHS).map(|i| shortest * ratio.powi(i as i32)).collect();
-    let tried: Vec<(f64, (Estimated, f64, f64))> =
+    let tried: Vec<(f64, (Value, f64, f64))> =
         lengths.iter().map(|&l| (l, fitted(&a, l, side.from_end))).collect();
     let &(length, (first, gain, pixels)) = tried.iter().max_by(|x, y| x.1.1.total_cmp(&y.1.1))?;
     // Line noise that is constant along the line has no part in the pixels, which must show the
@@ -208,8 +208,8 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
         fitted(own, length, side.from_end).0
     });
     let apart = (dark.value - light.value).abs();
-    let alike =
-        !(apart > CONFIRMED_Z * libm::hypot(dark.se, light.se) && apart > dark.value / 4.0);
+    let alike = !(apart > CONFIRMED_Z * libm::hypot(dark.std_error, light.std_error)
+        && apart > dark.value / 4.0);
     // χ² is relative to white noise, so that the interval of a fall by one is too narrow by the
     // ratio of all noise to white noise at the start of the line.
     let white = a.iter().map(|p| p.white * n as f64).fold(f64::MAX, f64::min);
@@ -224,8 +224,8 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
         pixels,
         is_seen,
         alike,
-        length: Estimated { value: refined, se: length_se },
-        sigma_e: Estimated { value: sigma, se: widest * first.se / (2.0 * sigma) },
+        length: Value { value: refined, std_error: length_se },
+        sigma_e: Value { value: sigma, std_error: widest * first.std_error / (2.0 * sigma) },
         evidence: [gain, held],
     })
 }

@@ -11,11 +11,11 @@ use super::seen::Seen;
 use super::view::View;
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::report::{Dependence, Domain, Form};
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Table};
 use camrig_captures::Role;
@@ -41,9 +41,9 @@ const MIN_FLATS: usize = 3;
 pub(crate) struct LineNoise {
     /// Which lines it is common to.
     lines: Lines,
-    exponent: Estimated,
+    exponent: Value,
     /// Standard deviation at a signal of S, e⁻.
-    sigma_e: Estimated,
+    sigma_e: Value,
     /// S, e⁻.
     brightest_e: f64,
     /// Whether there is no constant part.
@@ -104,13 +104,13 @@ fn points(view: &View<'_>, lines: Lines) -> Option<Vec<Point>> {
 /// Both coefficients, the second with its standard error.
 struct Law {
     constant: f64,
-    growing: Estimated,
+    growing: Value,
 }
 
 /// c₀ and c₁ for an exponent; only c₀ without one.
 fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
     let of = |p: &Point| exponent.map_or(0.0, |e| libm::pow(p.signal_e / brightest, 2.0 * e));
-    let mut law = Law { constant: 0.0, growing: Estimated { value: 0.0, se: f64::NAN } };
+    let mut law = Law { constant: 0.0, growing: Value { value: 0.0, std_error: f64::NAN } };
     // The errors follow from the fit itself: they converge in three passes.
     for pass in 0..3 {
         let sd = |p: &Point| {
@@ -136,7 +136,7 @@ fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
             (true, None) => (0.0, 0.0, f64::NAN),
             _ => (constant, growing, variance),
         };
-        law = Law { constant, growing: Estimated { value: growing, se: variance.sqrt() } };
+        law = Law { constant, growing: Value { value: growing, std_error: variance.sqrt() } };
     }
     law
 }
@@ -177,11 +177,11 @@ fn of(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<LineNoise> {
         return None;
     }
     let variance = (chosen.1.growing.value + again.growing.value) / 2.0;
-    let se = libm::hypot(chosen.1.growing.se, again.growing.se) / 2.0;
+    let se = libm::hypot(chosen.1.growing.std_error, again.growing.std_error) / 2.0;
     Some(LineNoise {
         lines,
-        exponent: Estimated { value: chosen.0, se: spread / 2.0 + EXPONENT_STEP / 4.0 },
-        sigma_e: Estimated { value: variance, se }.sqrt(),
+        exponent: Value { value: chosen.0, std_error: spread / 2.0 + EXPONENT_STEP / 4.0 },
+        sigma_e: Value::new(variance, se).sqrt()?,
         brightest_e: brightest,
         alone: chosen.1.constant < NEGLIGIBLE * chosen.1.growing.value,
         evidence,
@@ -242,7 +242,7 @@ impl Shape for LineNoise {
             Lines::Rows => Form::RowFlat,
             Lines::Columns => Form::ColumnFlat,
         };
-        let part = self.sigma_e.over(self.brightest_e);
+        let part = self.sigma_e.scaled(1.0 / self.brightest_e);
         let law = match (self.exponent.value - 1.0).abs() < 1e-9 {
             true => format!("{} of the signal", number(part)),
             false => {
@@ -255,7 +255,7 @@ impl Shape for LineNoise {
                 ("exponent", self.exponent),
                 ("part_of_signal", part),
                 ("sigma_e", self.sigma_e),
-                ("signal_e", Estimated::chosen(self.brightest_e)),
+                ("signal_e", Value::chosen(self.brightest_e)),
             ],
             description: format!(
                 "noise common to a {line}, new in every {line} and frame, that grows with the \

@@ -2,16 +2,17 @@
 //! pixels, whose excess grows with the exposure, nor telegraph noise, which makes them noisier.
 
 use super::seen::Seen;
-use super::view::{View, change_mean, channel_medians, gain, robust_sd};
+use super::view::{View, change_mean, channel_medians, gain};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::channels::Channels;
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::tails;
 use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::temporal::{Temporal, mean};
+use camrig_base::Value;
+use camrig_base::median::robust_sd;
 use camrig_base::numbers::counted;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Law, Table};
@@ -37,8 +38,8 @@ pub(crate) struct Outliers {
     /// Offset by pixel, row-major, e⁻.
     offsets: BTreeMap<usize, f64>,
     width: usize,
-    fraction: Estimated,
-    mean_e: Estimated,
+    fraction: Value,
+    mean_e: Value,
     /// Number of those below the others.
     below: usize,
     /// Smallest significant offset, e⁻.
@@ -67,7 +68,7 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
     let own = maps::reference_dark(fit.design)?;
     let other = maps::reference_dark(held_out.design)?;
     let (a, b) = (offsets(fit, own), offsets(held_out, other));
-    let (sd_a, sd_b) = (robust_sd(&a), robust_sd(&b));
+    let (sd_a, sd_b) = (robust_sd(a.iter().copied()), robust_sd(b.iter().copied()));
     let t = &fit.stacks[own];
     let (w, h) = (t.width, t.height);
     // Two-sided, for the most of all pixels.
@@ -83,7 +84,7 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
         .filter(|&i| i != own)
         .map(|i| {
             let values = offsets(fit, i);
-            let sd = robust_sd(&values);
+            let sd = robust_sd(values.iter().copied());
             (values, sd)
         })
         .collect();
@@ -116,8 +117,8 @@ fn outliers(fit: &View<'_>, held_out: &View<'_>) -> Option<Outliers> {
     Some(Outliers {
         offsets: found.iter().map(|&i| (i, size(i))).collect(),
         width: w,
-        fraction: Estimated { value: fraction, se: fraction / count.sqrt() },
-        mean_e: Estimated { value: mean_e, se: mean_e / count.sqrt() },
+        fraction: Value { value: fraction, std_error: fraction / count.sqrt() },
+        mean_e: Value { value: mean_e, std_error: mean_e / count.sqrt() },
         below: found.iter().filter(|&&i| a[i] < 0.0).count(),
         least_e: least,
         evidence: [evidence(&a, sd_a), evidence(&b, sd_b)],
@@ -168,7 +169,7 @@ impl Shape for Outliers {
             parameters: vec![
                 ("fraction", self.fraction),
                 ("mean_e", self.mean_e),
-                ("pixels", Estimated::chosen(self.offsets.len() as f64)),
+                ("pixels", Value::chosen(self.offsets.len() as f64)),
             ],
             description: format!(
                 "outlying pixels of the offset, which grow with neither exposure nor light and are \

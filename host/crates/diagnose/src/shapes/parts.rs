@@ -2,9 +2,9 @@
 
 use super::stage::{dark, shortest_s, take_dark};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::number;
 use crate::statistics::maps::MapKind;
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Seam, Step, Table};
 use camrig_sensor_core::effects::empirical::Quantity;
@@ -70,15 +70,15 @@ impl Parts<'_> {
 /// What a part differs in from another, as figures and in words: its gain over the other's, and the
 /// steps in the maps, in the order of [`MAPS`]. Those without a standard error are not significant.
 pub(crate) fn differences(
-    ratio: Estimated,
-    [_, offset, dark]: [Estimated; 3],
-) -> (Vec<(&'static str, Estimated)>, String) {
+    ratio: Value,
+    [_, offset, dark]: [Value; 3],
+) -> (Vec<(&'static str, Value)>, String) {
     let all = [
         ("gain_ratio", ratio, "gain ratio", ""),
         ("offset_e", offset, "offset", " e⁻"),
         ("dark_current_e_per_s", dark, "dark current", " e⁻/s"),
     ];
-    let significant = || all.iter().filter(|(_, step, ..)| step.se.is_finite());
+    let significant = || all.iter().filter(|(_, step, ..)| step.std_error.is_finite());
     let words =
         significant().map(|(_, step, name, unit)| format!("{name} {}{unit}", number(*step)));
     let words: Vec<String> = words.collect();

@@ -8,15 +8,16 @@
 use super::lines::Lines;
 use super::seen::Seen;
 use super::stage;
-use super::view::{View, change_mean, gain, robust_sd, scale_noise};
+use super::view::{View, change_mean, gain, scale_noise};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::report::Domain;
 use crate::statistics::maps::MapKind;
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
+use camrig_base::Value;
+use camrig_base::median::robust_sd;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Curve, Empirical, Table};
 use camrig_sensor_core::effects::empirical::Quantity;
@@ -44,7 +45,7 @@ struct Profile {
     /// For each line, e⁻ or e⁻/s; their mean is 0.
     values: Vec<f64>,
     /// Standard error of a value.
-    se: f64,
+    std_error: f64,
     evidence: [f64; 2],
 }
 
@@ -61,7 +62,7 @@ fn line_means(view: &View<'_>, kind: MapKind, lines: Lines) -> Option<Vec<f64>> 
     let mut means = vec![0.0; n];
     for _ in 0..ROUNDS {
         let rest = about(&map, lines, &means);
-        let limit = OUTLIER_Z * robust_sd(&rest);
+        let limit = OUTLIER_Z * robust_sd(rest.iter().copied());
         let (mut sums, mut counts) = (vec![0.0; n], vec![0.0; n]);
         for (i, (v, r)) in map.data.iter().zip(&rest).enumerate() {
             if f64::from(r.abs()) <= limit {
@@ -130,7 +131,7 @@ fn profile(fit: &View<'_>, held_out: &View<'_>, kind: MapKind, lines: Lines) -> 
         ];
         let left = square(&rest) / (n - cosines as f64 - 2.0);
         let se = (left * (cosines as f64 + 1.0) / n).sqrt();
-        Profile { kind, lines, values, se, evidence }
+        Profile { kind, lines, values, std_error: se, evidence }
     };
     COSINES
         .into_iter()
@@ -213,9 +214,9 @@ impl Shape for Profile {
         let dark = self.kind == MapKind::DarkCurrent;
         let line = self.lines.word();
         let [greatest, least] = self.ends();
-        let estimated = |value| Estimated { value, se: self.se };
-        let place = |line: usize| Estimated::chosen(line as f64);
-        let range = Estimated { value: greatest.1 - least.1, se: self.se * 2f64.sqrt() };
+        let estimated = |value| Value { value, std_error: self.std_error };
+        let place = |line: usize| Value::chosen(line as f64);
+        let range = Value { value: greatest.1 - least.1, std_error: self.std_error * 2f64.sqrt() };
         let unit = self.unit();
         let domain = if dark { Domain::Dark } else { Domain::Offset };
         vec![Finding {

@@ -13,12 +13,12 @@ use super::steps::{self, Steps};
 use super::view::{View, change_mean, gain, scale_noise};
 use super::{Shape, blocks, shapes};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::Finding;
 use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::Empirical;
 use camrig_captures::Role;
@@ -40,7 +40,7 @@ struct Seam {
     /// First line of the second part.
     at: usize,
     /// Steps in the maps, in the order of [`MAPS`]; 0 where none is significant.
-    steps: [Estimated; 3],
+    steps: [Value; 3],
 }
 
 /// The seams between columns or between rows.
@@ -99,17 +99,17 @@ fn between(lines: Lines, fit: &View<'_>, held_out: &View<'_>) -> Option<Taps> {
         std::array::from_fn(|i| profiles[i].as_ref().and_then(|p| steps::find(p, PROFILES)));
     let all = seen.iter().flatten().cloned().reduce(|a, b| a.joined(b, SAME_PLACE))?;
     let mut seams: Vec<Seam> =
-        all.at.iter().map(|&at| Seam { at, steps: [Estimated::chosen(0.0); 3] }).collect();
+        all.at.iter().map(|&at| Seam { at, steps: [Value::chosen(0.0); 3] }).collect();
     let mut held = 0.0;
     for (i, kind) in MAPS.into_iter().enumerate() {
         let (Some(a), Some(b)) = (&profiles[i], profile(held_out, kind, lines)) else { continue };
         let of = all.with_smooth_of(seen[i].as_ref());
         for ((seam, a), b) in seams.iter_mut().zip(of.sizes(a)).zip(of.sizes(&b)) {
             let difference = (a.value - b.value).abs();
-            let again = difference < MAX_DIFFERENCE * libm::hypot(a.se, b.se)
+            let again = difference < MAX_DIFFERENCE * libm::hypot(a.std_error, b.std_error)
                 && b.value * a.value.signum() > MIN_CONFIRMED * a.value.abs();
             if again && a.z().abs() > SIGNIFICANT {
-                seam.steps[i] = Estimated { value: (a.value + b.value) / 2.0, se: a.se };
+                seam.steps[i] = Value { value: (a.value + b.value) / 2.0, std_error: a.std_error };
                 held += b.z().powi(2);
             }
         }
@@ -232,9 +232,9 @@ impl Taps {
         };
         let seam = &self.seams[part - 1];
         let ratio = self.gain(part) / self.gain(part - 1);
-        let ratio = Estimated { value: ratio, se: seam.steps[0].se };
+        let ratio = Value { value: ratio, std_error: seam.steps[0].std_error };
         let (figures, words) = differences(ratio, seam.steps);
-        let mut parameters = vec![(key, Estimated::chosen(seam.at as f64))];
+        let mut parameters = vec![(key, Value::chosen(seam.at as f64))];
         parameters.extend(figures);
         let domain = match seam.steps.map(|e| e.value != 0.0) {
             [true, ..] => Domain::Gain,

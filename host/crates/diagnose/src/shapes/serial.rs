@@ -10,13 +10,13 @@ use super::seen::Seen;
 use super::view::{IN_THE_DARK, View, gain, scale_noise};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
-use crate::evidence::{Estimated, pooled};
 use crate::finding::{Finding, number};
 use crate::numerics::minimise::minimum;
 use crate::report::{Domain, Form};
 use crate::statistics::maps;
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
+use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Along, Empirical, Noise, Table};
@@ -59,8 +59,8 @@ const CONFIRMED_Z: f64 = 4.0;
 pub(crate) struct Serial {
     /// Whether along rows; down columns otherwise.
     along_rows: bool,
-    correlation: Estimated,
-    amount_e: Estimated,
+    correlation: Value,
+    amount_e: Value,
     /// Pixels of a line.
     length: usize,
     /// Whether it is additional noise, rather than the correlation of the model's read noise.
@@ -146,7 +146,7 @@ fn of_mean(r: f64, length: usize) -> f64 {
 
 /// A of a spectrum for a given S, and twice the gain in log-likelihood over W alone.
 struct Fit {
-    amount: Estimated,
+    amount: Value,
     gain: f64,
 }
 
@@ -177,12 +177,12 @@ fn fit(s: &Spectrum, shape: &[f64]) -> Fit {
         .iter()
         .zip(shape)
         .map(|(&p, s1)| twice(flat, p) - twice((white + amount * s1).max(0.02 * flat), p));
-    Fit { amount: Estimated { value: amount, se }, gain: gain.sum() }
+    Fit { amount: Value::new(amount, se), gain: gain.sum() }
 }
 
 /// The most likely correlation of the darks; none where it is not significant or the held-out
 /// frames do not confirm it.
-fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Estimated, [f64; 2])> {
+fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Value, [f64; 2])> {
     let (bins, length) = (a.first()?.power.len(), a.first()?.length);
     let (from, to) = (MIN_CORRELATION, MAX_CORRELATION);
     let step = (to - from) / (CORRELATIONS - 1) as f64;
@@ -207,18 +207,18 @@ fn likeliest(a: &[Spectrum], b: &[Spectrum]) -> Option<(Estimated, [f64; 2])> {
     let (low, high) = within.fold((r, r), |(l, h), (r, _)| (l.min(*r), h.max(*r)));
     // Of both halves together.
     let se = ((high - low) / 2.0).max(step / 4.0) / SQRT_2;
-    Some((Estimated { value: r, se }, [gains[best], held]))
+    Some((Value::new(r, se), [gains[best], held]))
 }
 
 /// Correlation and amount if only dark charge and rounding are white, which determines them much
 /// better than with white noise of an unknown amount.
-fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estimated) {
+fn with_known_white(spectra: &[&Spectrum], near: Value) -> (Value, Value) {
     let length = spectra[0].length;
     let bins = spectra[0].power.len();
     // Twice the negative log-likelihood, and the amount with its standard error.
     let of = |r: f64| {
         let shape = periodogram(r, length, bins);
-        let mut amount = Estimated { value: 0.0, se: f64::NAN };
+        let mut amount = Value { value: 0.0, std_error: f64::NAN };
         for _ in 0..PASSES {
             let (mut xx, mut xy) = (0.0, 0.0);
             for s in spectra {
@@ -230,7 +230,7 @@ fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estim
                     xy += weight * x * (p - s.white);
                 }
             }
-            amount = Estimated { value: (xy / xx).max(0.0), se: xx.sqrt().recip() };
+            amount = Value { value: (xy / xx).max(0.0), std_error: xx.sqrt().recip() };
         }
         let cost = spectra.iter().flat_map(|s| {
             s.power.iter().zip(&shape).map(|(p, x)| {
@@ -240,13 +240,13 @@ fn with_known_white(spectra: &[&Spectrum], near: Estimated) -> (Estimated, Estim
         });
         (cost.sum::<f64>(), amount)
     };
-    let reach = SEARCH_Z * near.se;
+    let reach = SEARCH_Z * near.std_error;
     let r = minimum(near.value - reach, near.value + reach, ITERATIONS, |r| of(r).0);
     let (cost, amount) = of(r);
     // From the curvature of the log-likelihood, which increases by (d/se)² over a distance d.
-    let d = near.se / 2.0;
+    let d = near.std_error / 2.0;
     let rise = ((of(r - d).0 + of(r + d).0) / 2.0 - cost).max(1e-9);
-    (Estimated { value: r, se: d / rise.sqrt() }, amount)
+    (Value { value: r, std_error: d / rise.sqrt() }, amount)
 }
 
 fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Serial> {
@@ -258,17 +258,18 @@ fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Seri
     let (correlation, evidence) = likeliest(&a, &b)?;
     let shape = periodogram(correlation.value, length, bins);
     let amount = |spectra: &[Spectrum], flat: bool| {
-        pooled(spectra.iter().filter(|s| s.flat == flat).map(|s| fit(s, &shape).amount))
+        Value::combine(spectra.iter().filter(|s| s.flat == flat).map(|s| fit(s, &shape).amount))
     };
     let again = amount(&b, false)?;
-    let both = pooled([amount(&a, false)?, again])?;
+    let both = Value::combine([amount(&a, false)?, again])?;
     if again.z() < CONFIRMED_Z {
         return None;
     }
     // Correlation that grows with the light is crosstalk of charge or light, or processing.
-    if let Some(light) = pooled([amount(&a, true), amount(&b, true)].into_iter().flatten()) {
+    if let Some(light) = Value::combine([amount(&a, true), amount(&b, true)].into_iter().flatten())
+    {
         let more = light.value - both.value;
-        if more > MAX_GROWTH_Z * libm::hypot(light.se, both.se)
+        if more > MAX_GROWTH_Z * libm::hypot(light.std_error, both.std_error)
             && light.value > MAX_GROWTH * both.value
         {
             return None;
@@ -286,7 +287,7 @@ fn of(along_rows: bool, fit_view: &View<'_>, held_out: &View<'_>) -> Option<Seri
         let darks: Vec<&Spectrum> = a.iter().chain(&b).filter(|s| !s.flat).collect();
         with_known_white(&darks, correlation)
     };
-    Some(Serial { along_rows, length, correlation, amount_e: both.sqrt(), additional, evidence })
+    Some(Serial { along_rows, length, correlation, amount_e: both.sqrt()?, additional, evidence })
 }
 
 impl Shape for Serial {
@@ -371,7 +372,8 @@ impl Shape for Serial {
         let reach = if r.value > MIN_LENGTH_CORRELATION {
             let length = -1.0 / libm::log(r.value);
             // dL/dr = L²/r.
-            let length = Estimated { value: length, se: r.se * length * length / r.value };
+            let length =
+                Value { value: length, std_error: r.std_error * length * length / r.value };
             parameters
                 .push((if self.along_rows { "length_columns" } else { "length_rows" }, length));
             format!("with a length of {} {lines} (to 1/e)", number(length))

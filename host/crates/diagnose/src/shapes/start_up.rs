@@ -6,10 +6,10 @@ use super::Shape;
 use super::seen::Seen;
 use super::view::{View, gain};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::report::{Domain, Form};
 use crate::statistics::temporal::Temporal;
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Curve as Knots, Empirical, Table};
 use camrig_clean::{CurveShape, FrameCurve};
@@ -62,9 +62,9 @@ impl StartUp {
         }
     }
 
-    fn amount_e(&self) -> Estimated {
+    fn amount_e(&self) -> Value {
         let FrameCurve { amplitude, std_error, .. } = self.curve;
-        Estimated { value: amplitude, se: std_error }.over(self.gain)
+        Value { value: amplitude, std_error: std_error }.scaled(1.0 / self.gain)
     }
 }
 
@@ -95,14 +95,14 @@ impl Shape for StartUp {
         let mut parameters = vec![("amplitude_e", amount)];
         let how = match self.curve.shape {
             CurveShape::Decay(tau) => {
-                let tau = Estimated { value: tau, se: self.curve.tau_std_error };
+                let tau = Value { value: tau, std_error: self.curve.tau_std_error };
                 parameters.push(("length_frames", tau));
                 format!("at the first frame, falling by a factor e every {} frames", number(tau))
             }
             CurveShape::Line => "from the first frame of a stack to its last".to_string(),
         };
         // It was fitted to all frames together: none are held out.
-        let evidence = [(amount.value / amount.se).powi(2), f64::NAN];
+        let evidence = [(amount.value / amount.std_error).powi(2), f64::NAN];
         vec![Finding {
             parameters,
             description: format!(

@@ -4,8 +4,8 @@
 //! information criterion: n ln(residual sum of squares) + free parameters × ln n (Schwarz 1978).
 
 use super::FALSE_ALARMS;
-use crate::evidence::Estimated;
 use crate::numerics::tails;
+use camrig_base::Value;
 use camrig_linear::dot;
 use std::f64::consts::PI;
 
@@ -156,7 +156,7 @@ pub(crate) fn find(profile: &[f64], profiles: usize) -> Option<Steps> {
 
 impl Steps {
     /// The sizes of these steps in a profile, by least squares together with the smooth model.
-    pub fn sizes(&self, profile: &[f64]) -> Vec<Estimated> {
+    pub fn sizes(&self, profile: &[f64]) -> Vec<Value> {
         let n = profile.len();
         let mut basis = Basis::of(self.smooth, n);
         self.at.iter().for_each(|&at| basis.add(step(at, n)));
@@ -169,7 +169,7 @@ impl Steps {
             rivals.for_each(|(_, &at)| others.add(step(at, n)));
             let t = others.residual(step(self.at[one], n));
             let norm = dot(&t, &t).max(1e-300);
-            Estimated { value: dot(&t, profile) / norm, se: (variance / norm).sqrt() }
+            Value { value: dot(&t, profile) / norm, std_error: (variance / norm).sqrt() }
         };
         (0..self.at.len()).map(of).collect()
     }

@@ -10,13 +10,13 @@ use super::seen::{self, Seen};
 use super::view::{View, change_mean, gain, scale_noise};
 use super::{FALSE_ALARMS, Shape, shapes};
 use crate::data::design::Design;
-use crate::evidence::{Estimated, pooled};
 use crate::finding::{Finding, number};
 use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind, SATURATED_FLAT, saturated};
 use crate::statistics::noise::frame_variance;
 use crate::statistics::statistic::{Key, Place, What};
 use crate::statistics::temporal::{Temporal, mean};
+use camrig_base::Value;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Response, Table};
 use camrig_captures::Role;
@@ -52,9 +52,9 @@ pub(crate) struct Stitch {
     /// Where the model has it, e⁻.
     at_e: f64,
     /// Noise that is added above it, e⁻.
-    more_e: Estimated,
+    more_e: Value,
     /// Gain above it over that below; 1 where the difference is not significant.
-    ratio: Estimated,
+    ratio: Value,
     /// A stack whose samples lie on both sides, with its id.
     astride: Option<(usize, String)>,
     evidence: [f64; 2],
@@ -68,11 +68,11 @@ struct Level {
     signal: f64,
     flat: bool,
     /// Variance minus the prediction, e².
-    excess: Estimated,
+    excess: Value,
     /// Predicted variance, e².
     predicted: f64,
     /// Measured over predicted signal, less 1.
-    ratio: Estimated,
+    ratio: Value,
 }
 
 /// The step that both halves show.
@@ -104,14 +104,14 @@ fn levels(view: &View<'_>) -> Option<Vec<Level>> {
             stack: i,
             signal,
             flat,
-            excess: Estimated {
+            excess: Value {
                 value: variance - predicted,
-                se: variance * (2.0 / (t.dof * n)).sqrt(),
+                std_error: variance * (2.0 / (t.dof * n)).sqrt(),
             },
             predicted,
-            ratio: Estimated {
+            ratio: Value {
                 value: measured / signal.max(1e-9) - 1.0,
-                se: libm::hypot(se / signal.max(1e-9), LIGHT),
+                std_error: libm::hypot(se / signal.max(1e-9), LIGHT),
             },
         });
     }
@@ -120,21 +120,21 @@ fn levels(view: &View<'_>) -> Option<Vec<Level>> {
 }
 
 /// Weighted least squares: the last coefficient with its standard error, and χ².
-fn least_squares(columns: &[Vec<f64>], y: &[Estimated]) -> Option<(Estimated, f64)> {
-    let a = Matrix::from_fn(y.len(), columns.len(), |i, j| columns[j][i] / y[i].se);
-    let b = Vector::from_fn(y.len(), |i, _| y[i].value / y[i].se);
+fn least_squares(columns: &[Vec<f64>], y: &[Value]) -> Option<(Value, f64)> {
+    let a = Matrix::from_fn(y.len(), columns.len(), |i, j| columns[j][i] / y[i].std_error);
+    let b = Vector::from_fn(y.len(), |i, _| y[i].value / y[i].std_error);
     let fit = LeastSquares::of(&a, &b)?;
     let last = columns.len() - 1;
     let se = fit.covariance[(last, last)].sqrt();
-    Some((Estimated { value: fit.coefficients[last], se }, fit.chi2))
+    Some((Value::new(fit.coefficients[last], se), fit.chi2))
 }
 
 /// Regressors of the variance: constant, proportional to the signal, and one more.
-fn of_variance(levels: &[Level], more: Vec<f64>) -> Option<(Estimated, f64)> {
+fn of_variance(levels: &[Level], more: Vec<f64>) -> Option<(Value, f64)> {
     let top = levels.last()?.signal;
     let one = vec![1.0; levels.len()];
     let x: Vec<f64> = levels.iter().map(|l| l.signal / top).collect();
-    let y: Vec<Estimated> = levels.iter().map(|l| l.excess).collect();
+    let y: Vec<Value> = levels.iter().map(|l| l.excess).collect();
     least_squares(&[one, x, more], &y)
 }
 
@@ -144,18 +144,18 @@ fn above(levels: &[Level], from: usize) -> Vec<f64> {
 }
 
 /// The same of the signal over the light: a free gain and offset, and one more, over the flats.
-fn of_gain(levels: &[Level], more: Vec<f64>) -> Option<(Estimated, f64)> {
+fn of_gain(levels: &[Level], more: Vec<f64>) -> Option<(Value, f64)> {
     let top = levels.last()?.signal;
     let flats = || levels.iter().zip(&more).filter(|(l, _)| l.flat);
     let one = vec![1.0; flats().count()];
     let offset = flats().map(|(l, _)| top / l.signal).collect();
     let more = flats().map(|(_, more)| *more).collect();
-    let y: Vec<Estimated> = flats().map(|(l, _)| l.ratio).collect();
+    let y: Vec<Value> = flats().map(|(l, _)| l.ratio).collect();
     least_squares(&[one, offset, more], &y)
 }
 
 /// Regressors with one more column.
-type Law = fn(&[Level], Vec<f64>) -> Option<(Estimated, f64)>;
+type Law = fn(&[Level], Vec<f64>) -> Option<(Value, f64)>;
 
 /// Smallest χ² of the smooth models.
 fn smooth(of: Law, levels: &[Level]) -> f64 {
@@ -181,8 +181,8 @@ struct Tried {
     /// A level that was left out of them: its samples lie on both sides.
     astride: Option<Level>,
     /// Steps of the variance, and of the gain.
-    variance: [Estimated; 2],
-    gain: [Estimated; 2],
+    variance: [Value; 2],
+    gain: [Value; 2],
     /// Fall of χ² of the variances from the best smooth model to the step.
     evidence: [f64; 2],
     /// The same for the signal, in units of the residual of the step; for the frames to fit only,
@@ -199,8 +199,8 @@ impl Tried {
         let (a, b, c, d) = (a?, b?, c?, d?);
         let free = levels[0].len() as f64 - 3.0;
         let flats = levels[0].iter().filter(|l| l.flat).count() as f64 - 3.0;
-        let with_scatter = |(step, chi): (Estimated, f64)| Estimated {
-            se: step.se * spread(chi, flats).sqrt(),
+        let with_scatter = |(step, chi): (Value, f64)| Value {
+            std_error: step.std_error * spread(chi, flats).sqrt(),
             ..step
         };
         Some(Self {
@@ -268,8 +268,10 @@ fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
     let [d, d2] = best.gain;
     let significant = d.z().abs() > CONFIRMED_Z && d2.z() * d.value.signum() > CONFIRMED_Z / 2.0;
     let ratio = match significant {
-        true => Estimated { value: 1.0 + (d.value + d2.value) / 2.0, se: d.se / 2f64.sqrt() },
-        false => Estimated::chosen(1.0),
+        true => {
+            Value { value: 1.0 + (d.value + d2.value) / 2.0, std_error: d.std_error / 2f64.sqrt() }
+        }
+        false => Value::chosen(1.0),
     };
     let more_e = added(&[a, b], at, ratio.value)?;
     let (below, over) = (&a[at - 1], &a[at]);
@@ -298,7 +300,7 @@ fn stitch(fit: &View<'_>, held_out: &View<'_>) -> Option<Stitch> {
 }
 
 /// Noise that is added above the step, where the gain there is `ratio` times that below.
-fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Estimated> {
+fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Value> {
     let mut found = Vec::new();
     for levels in halves {
         let (below, over) = levels.split_at(at);
@@ -306,17 +308,17 @@ fn added(halves: &[&[Level]], at: usize, ratio: f64) -> Option<Estimated> {
         let top = below.last()?.signal.max(1e-9);
         let one = vec![1.0; below.len()];
         let x: Vec<f64> = below.iter().map(|l| l.signal / top).collect();
-        let y: Vec<Estimated> = below.iter().map(|l| l.excess).collect();
+        let y: Vec<Value> = below.iter().map(|l| l.excess).collect();
         let (slope, _) = least_squares(&[one, x], &y)?;
         let slope = if slope.z().abs() > CONFIRMED_Z { slope.value / top } else { 0.0 };
         found.extend(over.iter().map(|l| {
             let own = l.predicted + slope * l.signal;
             let variance = l.excess.value + l.predicted;
-            Estimated { value: variance - ratio * ratio * own, se: l.excess.se }
+            Value { value: variance - ratio * ratio * own, std_error: l.excess.std_error }
         }));
     }
-    let variance = pooled(found)?;
-    (variance.value > 0.0).then(|| variance.sqrt())
+    let variance = Value::combine(found)?;
+    variance.sqrt()
 }
 
 /// Where between two signals, e⁻, a step lies that a level has on both sides: where its excess of
@@ -332,8 +334,8 @@ fn place(l: &Level, [low, high]: [f64; 2], more_e: f64, ratio: f64) -> f64 {
         let noise = part * more_e * more_e
             + change * change * part * (1.0 - part)
             + 2.0 * change * sd * density;
-        ((noise - l.excess.value) / l.excess.se).powi(2)
-            + (((ratio - 1.0) * part - l.ratio.value) / l.ratio.se).powi(2)
+        ((noise - l.excess.value) / l.excess.std_error).powi(2)
+            + (((ratio - 1.0) * part - l.ratio.value) / l.ratio.std_error).powi(2)
     };
     let steps = (0..=POSITIONS).map(|i| low + (high - low) * f64::from(i) / f64::from(POSITIONS));
     steps.min_by(|x, y| left(x).total_cmp(&left(y))).unwrap_or(low)
@@ -402,7 +404,7 @@ impl Shape for Stitch {
         let [low, high] = self.open_e;
         let [low_dn, high_dn] = self.open_dn;
         let [first, second] = &self.ids;
-        let ratio = match self.ratio.se.is_finite() {
+        let ratio = match self.ratio.std_error.is_finite() {
             true => format!(" and the gain is {} times that below", number(self.ratio)),
             false => " with the same gain".into(),
         };
@@ -411,11 +413,11 @@ impl Shape for Stitch {
             Some((_, id)) => format!("{id} has samples on both sides of it"),
         };
         let mut parameters = vec![
-            ("above_e", Estimated::chosen(low)),
-            ("below_e", Estimated::chosen(high)),
+            ("above_e", Value::chosen(low)),
+            ("below_e", Value::chosen(high)),
             ("read_noise_more_e", self.more_e),
         ];
-        if self.ratio.se.is_finite() {
+        if self.ratio.std_error.is_finite() {
             parameters.push(("gain_ratio", self.ratio));
         }
         vec![Finding {

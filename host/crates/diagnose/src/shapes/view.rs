@@ -8,7 +8,7 @@ use crate::statistics::maps::{self, Map, MapKind};
 use crate::statistics::statistic::Key;
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
-use camrig_base::median::{SD_PER_MAD, median};
+use camrig_base::median::{median, robust_sd};
 use camrig_camera::Camera;
 use camrig_captures::Role;
 
@@ -79,7 +79,7 @@ impl<'a> View<'a> {
     pub fn levelled(&self, plane: &Plane<f32>) -> Plane<f32> {
         let mut plane = self.about_median(plane);
         let channels = Channels::new(self.camera);
-        let limit = (CLIP * robust_sd(&plane.data)) as f32;
+        let limit = (CLIP * robust_sd(plane.data.iter().copied())) as f32;
         plane.data.iter_mut().for_each(|v| *v = v.clamp(-limit, limit));
         let means = channels.means(&plane.data);
         channels.change(&mut plane.data, &means, |v, m| v - m);
@@ -90,12 +90,6 @@ impl<'a> View<'a> {
 /// System gain under a condition, DN/e⁻.
 pub(crate) fn gain(camera: &Camera, condition: &Condition) -> f64 {
     dn_per_e(camera, condition.stack.analog_gain)
-}
-
-/// Robust standard deviation about zero.
-pub(crate) fn robust_sd(values: &[f32]) -> f64 {
-    let mut sizes: Vec<f32> = values.iter().map(|v| v.abs()).collect();
-    SD_PER_MAD * f64::from(median(&mut sizes, f32::total_cmp))
 }
 
 /// The median of each channel.

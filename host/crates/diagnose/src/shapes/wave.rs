@@ -9,13 +9,13 @@ use super::stage;
 use super::view::{View, change_mean, gain};
 use super::{FALSE_ALARMS, Shape};
 use crate::data::design::Design;
-use crate::evidence::Estimated;
 use crate::finding::{Finding, number};
 use crate::numerics::spectrum::{Background, Spectrum, Spectrum2};
 use crate::report::{Domain, Form};
 use crate::statistics::maps::{self, MapKind};
 use crate::statistics::temporal::Temporal;
 use camrig_base::Plane;
+use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_camera::Camera;
 use camrig_camera::empirical::{Empirical, Sine, Table, Wave as Waves};
@@ -47,8 +47,8 @@ const HALVINGS: usize = 16;
 /// A plane wave a sin(2π(f_x x + f_y y) + φ) in one map.
 pub(crate) struct Wave {
     kind: MapKind,
-    cycles: [Estimated; 2],
-    amplitude: Estimated,
+    cycles: [Value; 2],
+    amplitude: Value,
     phase: f64,
     /// Decimals of a frequency in words: a tenth of a bin.
     digits: usize,
@@ -162,10 +162,10 @@ fn strongest(
     Some(Wave {
         kind,
         cycles: [
-            Estimated { value: f[0], se: of_frequency(w) },
-            Estimated { value: f[1], se: of_frequency(h) },
+            Value { value: f[0], std_error: of_frequency(w) },
+            Value { value: f[1], std_error: of_frequency(h) },
         ],
-        amplitude: Estimated { value: size * unit, se: (2.0 * variance / n).sqrt() * unit },
+        amplitude: Value { value: size * unit, std_error: (2.0 * variance / n).sqrt() * unit },
         phase: libm::atan2(mean[0], mean[1]),
         digits: libm::log10(w.max(h) as f64).ceil() as usize + 1,
         evidence: [evidence(a, amplitude), evidence(b, again)],
@@ -426,7 +426,7 @@ impl Shape for Wave {
                 (key, self.amplitude),
                 ("cycles_per_column", fx),
                 ("cycles_per_row", fy),
-                ("phase_turns", Estimated::chosen((self.phase / TAU).rem_euclid(1.0))),
+                ("phase_turns", Value::chosen((self.phase / TAU).rem_euclid(1.0))),
             ],
             description: format!(
                 "a stationary plane wave: amplitude {}{unit}, {:.digits$} cycles per \

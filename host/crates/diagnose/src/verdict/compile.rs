@@ -4,7 +4,6 @@ use super::ambiguity::tie_breaker;
 use super::describe::describe;
 use super::measures::measures;
 use super::words;
-use crate::evidence::Estimated;
 use crate::finding::Finding;
 use crate::measured::Measured;
 use crate::report::{
@@ -14,6 +13,7 @@ use crate::report::{
 use crate::search::forward::{self, Moved, Rivals};
 use crate::search::{Evaluation, Outcome};
 use crate::statistics::statistic::{Key, Place, What};
+use camrig_base::Value;
 use camrig_base::numbers::counted;
 use camrig_clean::Kind;
 use std::collections::BTreeMap;
@@ -186,9 +186,9 @@ fn step(measured: &Measured, outcome: &Outcome, step: &forward::Step, status: St
     }
 }
 
-fn parameters(all: &[(&'static str, Estimated)]) -> BTreeMap<String, Parameter> {
+fn parameters(all: &[(&'static str, Value)]) -> BTreeMap<String, Parameter> {
     let all = all.iter().map(|(key, e)| {
-        let std_error = finite(Some(e.se));
+        let std_error = finite(Some(e.std_error));
         ((*key).to_string(), Parameter { std_error, value: e.value })
     });
     all.collect()

@@ -153,7 +153,7 @@ fn additions(given: &str, improved: &str, named: &[Proposal]) -> Result<String> 
         let found = named.iter().find(|p| p.kind == kind);
         for (key, value) in table {
             let error = found.and_then(|p| p.parameters.iter().find(|(name, _)| name == key));
-            let comment = error.filter(|(_, e)| e.se.is_finite());
+            let comment = error.filter(|(_, e)| e.std_error.is_finite());
             let comment = comment.map_or(String::new(), |(_, e)| format!("  # {}", number(*e)));
             out.push_str(&format!("{key} = {value}{comment}\n"));
         }

@@ -16,7 +16,7 @@ mod surface;
 
 use self::regions::{Black, SAME, signals};
 use self::surface::{Estimate, Point, Surface};
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::{Error, ErrorCode, Result};
 use camrig_captures::{Capture, CaptureSet, Role, Rotation, Scan};
 use serde::Serialize;
@@ -229,7 +229,7 @@ impl Grid {
             }
         }
         let points: Vec<Point> = (points.iter())
-            .filter_map(|(x, y, signals)| Some((*x, *y, Value::combine(signals)?)))
+            .filter_map(|(x, y, signals)| Some((*x, *y, Value::combine(signals.iter().copied())?)))
             .collect();
         let centre = centre_of(grid, others)?;
         let surface = Surface::fit(&points)?;

@@ -37,7 +37,7 @@ use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
 use super::tolerance::SAME_EXPOSURE;
 use super::transfer::{Knee, Transfer};
-use super::value::Value;
+use camrig_base::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
 

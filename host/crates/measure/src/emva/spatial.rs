@@ -7,8 +7,8 @@ use crate::moments::SATURATED_SHARE;
 use crate::spectrogram::{Histogram, SitePlane};
 use crate::stack::Stack;
 use crate::tolerance::SAME_EXPOSURE;
-use crate::value::Value;
 use camrig_base::Result;
+use camrig_base::Value;
 
 /// Fewest frames of a flat stack for spatial figures: below, the temporal noise that has to be
 /// subtracted is larger than the patterns of most sensors.

@@ -33,8 +33,8 @@ pub use self::search::find_edges;
 
 use self::line::EdgeLine;
 use self::sfr::{Sfr, Spread};
-use super::value::Value;
 use camrig_base::Cfa;
+use camrig_base::Value;
 use camrig_base::median::{SD_PER_MAD, median};
 use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_linear::moments;

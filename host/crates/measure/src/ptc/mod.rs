@@ -34,8 +34,8 @@ use super::site::Site;
 use super::spatial::SpatialVariance;
 use super::stack::Stack;
 use super::transfer::{Knee, Transfer};
-use super::value::Value;
 use camrig_base::Result;
+use camrig_base::Value;
 use camrig_captures::{Capture, CaptureSet};
 use serde::Serialize;
 
@@ -165,7 +165,7 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
         let k = transfer.gain.value;
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
         let dsnu = dsnu_level.channels[c].spatial().total;
-        figures.dsnu_e = Value::sqrt(dsnu.value, dsnu.std_error).map(|v| v.scaled(1.0 / k));
+        figures.dsnu_e = dsnu.sqrt().map(|v| v.scaled(1.0 / k));
         leave_out_rounded_patterns(
             &mut figures,
             (k, &transfer.codes),
@@ -305,13 +305,12 @@ fn figures_of(t: &Transfer, flats: &[Level], channel: usize, white: f64) -> Figu
 
 /// Adds the spatial figures from the lines of the pixels, in electrons.
 fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, channel: usize) {
-    let root = |v: Value| Value::sqrt(v.value, v.std_error);
     let offsets = darks.spread(Line::Offset, channel);
     let rates = darks.spread(Line::Slope, channel).map(|s| s.1.total);
     if let Some((_, SpatialVariance { row, column, pixel, .. })) = offsets {
-        f.row_fpn_e = root(row).map(|v| v.scaled(1.0 / k));
-        f.column_fpn_e = root(column).map(|v| v.scaled(1.0 / k));
-        f.pixel_fpn_e = root(pixel).map(|v| v.scaled(1.0 / k));
+        f.row_fpn_e = row.sqrt().map(|v| v.scaled(1.0 / k));
+        f.column_fpn_e = column.sqrt().map(|v| v.scaled(1.0 / k));
+        f.pixel_fpn_e = pixel.sqrt().map(|v| v.scaled(1.0 / k));
         if let Some(black) = &mut f.black_level_dn {
             // The mean of a pattern is zero over all sensors, but not over the pixels of this one.
             let of_rows = row.value.max(0.0) / flats.rows() as f64;
@@ -322,7 +321,7 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
         }
     }
     if let Some(rates) = rates {
-        f.dsnu_e_per_s = root(rates).map(|v| v.scaled(1.0 / k));
+        f.dsnu_e_per_s = rates.sqrt().map(|v| v.scaled(1.0 / k));
         if let Some(current) = &mut f.dark_current_e_per_s {
             let population = rates.value.max(0.0) / (k * k) / flats.pixels(channel);
             current.std_error = libm::hypot(current.std_error, population.sqrt());
@@ -334,7 +333,7 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
     let lean = flats.companion_slope(channel).unwrap_or(0.0);
     let dark_part = rates.map_or(0.0, |r| r.value.max(0.0) * lean * lean);
     let variance = (gains.total.value - dark_part) / (mean * mean);
-    f.prnu = Value::sqrt(variance, gains.total.std_error / (mean * mean));
+    f.prnu = Value::new(variance, gains.total.std_error / (mean * mean)).sqrt();
 }
 
 /// Largest relative change of patterns by rounding to whole DN with which they are reported.
@@ -389,7 +388,7 @@ fn curve(t: &Transfer, flats: &[Level], channel: usize) -> Vec<CurvePoint> {
 fn over_channels(channels: &[ChannelPtc]) -> Figures {
     let of = |get: fn(&Figures) -> Option<Value>| {
         let values: Vec<Value> = channels.iter().filter_map(|c| get(&c.figures)).collect();
-        if let [one] = values[..] { Some(one) } else { Value::combine(&values) }
+        if let [one] = values[..] { Some(one) } else { Value::combine(values) }
     };
     let mono = channels.len() == 1;
     Figures {
