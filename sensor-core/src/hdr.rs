@@ -34,7 +34,7 @@
 mod curve;
 mod merge;
 
-pub use curve::{Curve, MAX_KNEES, Rounding};
+pub use curve::{Companding, Curve, MAX_KNEES, Rounding};
 pub use merge::{Flicker, Hand, Level, MAX_CAPTURES, Merge};
 
 use core::fmt;

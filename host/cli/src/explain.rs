@@ -125,9 +125,7 @@ fn explain_preset(name: &str, json: bool) -> Result<()> {
     let draft = Draft::of_preset(name)?;
     let entries = || draft.entries.iter().filter(|entry| !entry.key.table().is_empty());
     let sensor = Camera::load(name)?.sensor;
-    let top = f64::from((1u32 << sensor.bits) - 1);
-    let dn_per_e = top / sensor.full_well_e;
-    let saturation_e = (top - sensor.black_level_dn) / dn_per_e;
+    let (dn_per_e, saturation_e) = (sensor.dn_per_e(1.0), sensor.saturation_e(1.0));
     let dynamic_range_db = 20.0 * libm::log10(saturation_e / sensor.noise.read_e);
     if json {
         let values: Vec<Value> = entries().map(value_json).collect();

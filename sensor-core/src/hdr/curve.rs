@@ -94,9 +94,38 @@ impl Curve {
     }
 
     /// Linear numbers per code at a linear number.
-    pub fn step(&self, x: i64) -> f64 {
-        let [a, b] = self.line(x, |knee| knee.x);
+    pub fn step(&self, x: f64) -> f64 {
+        let [a, b] = self.line(libm::floor(x) as i64, |knee| knee.x);
         (b.x - a.x) as f64 / ((b.y - a.y) as f64 / PARTS as f64)
+    }
+}
+
+/// What a sensor sends of its linear signal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Companding {
+    /// The curve.
+    pub curve: Curve,
+    /// Bits of a code, at most 16.
+    pub bits: u8,
+    /// Taken off the linear signal before the curve, linear DN.
+    pub subtract_dn: u32,
+    /// Added to the code.
+    pub pedestal_dn: u16,
+}
+
+impl Companding {
+    /// The code of a linear signal, DN: that of the curve with its pedestal, within its bits.
+    #[inline(always)]
+    pub fn code(&self, linear: u32) -> u16 {
+        let code = self.curve.code(i64::from(linear) - i64::from(self.subtract_dn));
+        let max = (1 << u32::from(self.bits).min(16)) - 1;
+        (code + i64::from(self.pedestal_dn)).clamp(0, max) as u16
+    }
+
+    /// The lowest linear signal of a code, as receivers decompand it, DN.
+    pub fn lowest(&self, code: u16) -> i64 {
+        let of_curve = i64::from(code) - i64::from(self.pedestal_dn);
+        self.curve.lowest(of_curve) + i64::from(self.subtract_dn)
     }
 }
 
@@ -109,7 +138,7 @@ mod tests {
         let curve = Curve::new(&[(4, 4.0), (20, 8.0), (84, 12.0)], Rounding::Floor).unwrap();
         let codes: [i64; 12] = [-2, 0, 3, 4, 7, 8, 19, 20, 35, 36, 83, 100].map(|x| curve.code(x));
         assert_eq!(codes, [-2, 0, 3, 4, 4, 5, 7, 8, 8, 9, 11, 13]);
-        assert_eq!([3, 4, 20].map(|x| curve.step(x)), [1.0, 4.0, 16.0]);
+        assert_eq!([3.5, 4.0, 20.0].map(|x| curve.step(x)), [1.0, 4.0, 16.0]);
     }
 
     #[test]

@@ -107,6 +107,11 @@ impl Merge {
         self.levels.len()
     }
 
+    /// The hand-overs from the first capture on.
+    pub fn hands(&self) -> &[Hand] {
+        &self.hands
+    }
+
     /// The largest linear DN.
     pub fn max_dn(&self) -> u32 {
         (1 << self.linear_bits) - 1

@@ -4,6 +4,7 @@ use super::effects::{AnyEffect, read_effect};
 use super::empirical::{self, Empirical};
 use super::file::{self, CameraFile, Direction, FallOff, FileName, FractionOrFile, Law};
 use super::file::{LensFile, NoiseFile, SensorFile, TimingFile};
+use super::hdr::{self, EffectOn, Hdr};
 use super::prescription;
 use super::{
     Camera, CrosstalkTable, Folder, KeptNoise, LensKind, LensModel, Noise, RelativeIllumination,
@@ -46,7 +47,8 @@ pub(super) fn camera(
     let mut effects = Vec::new();
     for table in &file.effects {
         let line = line_of(text, table.span().start);
-        match listed(table.get_ref(), folder) {
+        let hdr = sensor.as_ref().and_then(|sensor| sensor.hdr.as_ref());
+        match listed(table.get_ref().clone(), hdr, folder) {
             Ok(effect) => effects.push(effect),
             Err(e) => keep(e.at(format!("[[effect]] at line {line}"))),
         }
@@ -71,11 +73,15 @@ pub(super) fn camera(
                 let stage = camera.keep(effect)?;
                 camera.effects.push(stage);
             }
+            Listed::OfCaptures(effect) => {
+                camera.sensor.hdr.iter_mut().for_each(|hdr| hdr.effects.push(effect.clone()));
+            }
             Listed::Catalogued(AnyEffect::Sensor(effect)) => camera.effects.push(effect),
             Listed::Catalogued(AnyEffect::Optical(effect)) => camera.optical_effects.push(effect),
         }
     }
     camera.check_chain()?;
+    hdr::check_chains(&camera)?;
     Ok(camera)
 }
 
@@ -83,9 +89,15 @@ pub(super) fn camera(
 enum Listed {
     Catalogued(AnyEffect),
     Empirical(Empirical),
+    /// One of some captures only.
+    OfCaptures(EffectOn),
 }
 
-fn listed(table: &toml::Table, folder: &Folder<'_>) -> Result<Listed> {
+fn listed(mut table: toml::Table, hdr: Option<&Hdr>, folder: &Folder<'_>) -> Result<Listed> {
+    if let Some(names) = table.remove("on") {
+        return hdr::effect_on(hdr, &names, &read_effect(&table)?).map(Listed::OfCaptures);
+    }
+    let table = &table;
     if table.get("kind").and_then(toml::Value::as_str) == Some(empirical::KIND) {
         return Empirical::read(table, folder).map(Listed::Empirical);
     }
@@ -181,6 +193,7 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
         crosstalk,
         conversion_gain_uv_per_e: file.conversion_gain_uv_per_e,
         full_well_e: file.full_well_e,
+        full_scale_e: file.full_scale_e.unwrap_or(file.full_well_e),
         bits: file.bits,
         black_level_dn: file.black_level_dn,
         analog_gain: file.analog_gain,
@@ -188,6 +201,8 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
         seed: file.seed,
         timing: file.timing.map(|timing| sensor_timing(&timing, file.height)),
         noise: noise(&file.noise, text)?,
+        hdr: file.hdr.as_ref().map(|hdr| hdr::hdr(hdr, folder)).transpose()?,
+        streams: Default::default(),
         kept_noise: KeptNoise::default(),
     })
 }
@@ -248,7 +263,11 @@ fn noise(file: &NoiseFile, text: &str) -> Result<Noise> {
 
 /// A curve of fractions over wavelength: a table of one column, and what it is outside the table
 /// unless that states otherwise.
-fn fraction_curve(name: &str, outside: Outside, folder: &Folder<'_>) -> Result<Spectrum> {
+pub(crate) fn fraction_curve(
+    name: &str,
+    outside: Outside,
+    folder: &Folder<'_>,
+) -> Result<Spectrum> {
     let table = spectral_table(name, Wanted::Transmittance, MAX_GAP_NM, folder)?;
     if table.curves.len() != 1 {
         return Err(Error::input(format!("{} columns", table.curves.len() + 1))

@@ -10,6 +10,7 @@
 //! [`super::Camera`] has the checked values.
 
 use super::Shutter;
+use super::hdr::file::HdrFile;
 use super::order::in_order;
 use camrig_base::alternatives::Alternatives;
 use schemars::JsonSchema;
@@ -224,10 +225,15 @@ pub struct SensorFile {
     #[schemars(extend("unit" = "µV per electron", "usual" = "20 to 200"))]
     #[schemars(extend("without" = "it cancels in the DN"))]
     pub conversion_gain_uv_per_e: Option<f64>,
-    /// Linear full well: the charge at which the converter's range ends at unity gain.
+    /// Linear full well: the charge that a pixel holds.
     #[schemars(range(min = 1.0, max = SIGNAL_E), extend("unit" = "e-"))]
     #[schemars(extend("usual" = "4000 to 10000 at 1 to 2 µm, 10000 to 100000 above 3 µm"))]
     pub full_well_e: f64,
+    /// Charge at which the converter's range ends at unity gain: its largest code over the DN per
+    /// electron. Below full_well_e the converter saturates first, above it the pixel.
+    #[schemars(range(min = 1.0, max = SIGNAL_E))]
+    #[schemars(extend("unit" = "e-", "without" = "full_well_e"))]
+    pub full_scale_e: Option<f64>,
     /// Bits of the converter.
     #[schemars(range(min = 8, max = 16), extend("unit" = "bits", "usual" = "10 to 14"))]
     pub bits: u8,
@@ -248,6 +254,7 @@ pub struct SensorFile {
     pub seed: u64,
     pub timing: Option<TimingFile>,
     pub noise: NoiseFile,
+    pub hdr: Option<HdrFile>,
 }
 
 // `[sensor.timing]`.

@@ -61,6 +61,9 @@ impl Camera {
             ..self.sensor.noise
         };
         self.effects.retain(|effect| shapes_the_response(effect, kept));
+        if let Some(hdr) = &mut self.sensor.hdr {
+            hdr.effects.retain(|e| shapes_the_response(&e.effect, kept));
+        }
     }
 }
 

@@ -36,6 +36,7 @@ pub mod efficiency;
 pub mod empirical;
 pub mod facts;
 mod file;
+pub mod hdr;
 mod kept_noise;
 pub mod keys;
 pub mod optical;

@@ -14,7 +14,8 @@ pub(super) fn of(camera: &Camera) -> Vec<String> {
         Some(format!("the effect {} {reason}", effect.entry().kind))
     };
     let single = camera.effects.iter().filter_map(about);
-    single.chain(behind_the_converter(camera)).collect()
+    let of_hdr = camera.sensor.hdr.iter().flat_map(super::hdr::remarks::of);
+    single.chain(behind_the_converter(camera)).chain(of_hdr).collect()
 }
 
 fn reason(camera: &Camera, effect: &Effect) -> Option<String> {

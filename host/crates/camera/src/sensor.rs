@@ -3,7 +3,7 @@
 use super::{Camera, CrosstalkTable, KeptNoise, SensorTiming};
 use camrig_base::{Bands, Cfa, Error, Result, Spectrum, weighted_means};
 use camrig_light::photometry::HC;
-use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig};
+use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig, Streams};
 use camrig_sensor_core::effects::{Domain, Effect, Needs};
 use camrig_sensor_core::effects::{
     dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
@@ -33,8 +33,10 @@ pub struct SensorModel {
     pub crosstalk: Option<CrosstalkTable>,
     /// Conversion gain, µV per electron, where it is known: it cancels in the DN.
     pub conversion_gain_uv_per_e: Option<f64>,
-    /// Linear full well, e⁻: the charge at which the converter's range ends at unity gain.
+    /// Linear full well, e⁻: the charge that a pixel holds.
     pub full_well_e: f64,
+    /// Charge at which the converter's range ends at unity gain, e⁻.
+    pub full_scale_e: f64,
     /// Bits of the converter.
     pub bits: u8,
     /// Mean of no signal, DN.
@@ -47,6 +49,10 @@ pub struct SensorModel {
     pub seed: u64,
     /// When its rows collect light, where that is known.
     pub timing: Option<SensorTiming>,
+    /// Its captures, where it takes several of each pixel.
+    pub hdr: Option<super::hdr::Hdr>,
+    /// Which capture of a pixel it is, where another sensor takes several.
+    pub streams: Streams,
     /// Noise and fixed patterns.
     pub noise: Noise,
     /// What of them pictures have ([`Camera::keep_noise`]).
@@ -76,6 +82,18 @@ pub struct Noise {
 }
 
 impl SensorModel {
+    /// DN per electron at an analog gain: G (2^bits − 1)/W (eq. 11 of Chen et al. 2009), with W
+    /// the end of the converter's range.
+    pub fn dn_per_e(&self, analog_gain: f64) -> f64 {
+        analog_gain * f64::from((1u32 << self.bits) - 1) / self.full_scale_e
+    }
+
+    /// Electrons at which a pixel saturates at an analog gain: full well or the converter's end.
+    pub fn saturation_e(&self, analog_gain: f64) -> f64 {
+        let top = f64::from((1u32 << self.bits) - 1);
+        self.full_well_e.min((top - self.black_level_dn) / self.dn_per_e(analog_gain))
+    }
+
     /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ over a band, per channel and band, in
     /// light that is even within each band: [`Self::response_to`] no further light.
     pub fn response(&self, bands: &Bands) -> Vec<Vec<f64>> {
@@ -183,10 +201,11 @@ impl Camera {
         config.band_step_nm = bands.step_nm as f32;
         config.response =
             sensor.response_to(light, bands).concat().iter().map(|&w| w as f32).collect();
-        config.full_well_e = sensor.full_well_e as f32;
+        config.full_well_e = sensor.full_scale_e as f32;
         config.bits = sensor.bits;
         config.black_level_dn = sensor.black_level_dn as f32;
         config.seed = sensor.seed;
+        config.streams = sensor.streams;
         config.effects = self.chain().into_iter().collect();
         config.table = self.table().into_iter().collect();
         config.check().map_err(|e| Error::input(format!("this sensor cannot be: {e}")))?;

@@ -7,7 +7,7 @@
 //! out are windows around the points, so one frame of the whole sensor serves all points of a
 //! scan.
 
-use super::take::{electrons_per_second, facts, saturation_e};
+use super::take::{electrons_per_second, facts};
 use camrig_base::output::OutputDir;
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::{Camera, LensKind};
@@ -116,7 +116,7 @@ pub fn bench(
             return Err(Error::disagreement(format!("the camera is blind at {nm} nm")));
         }
         let gain = camera.sensor.analog_gain;
-        let irradiance = FILL * saturation_e(camera, gain) / (per_s * exposure_s);
+        let irradiance = FILL * camera.sensor.saturation_e(gain) / (per_s * exposure_s);
         let cube = filtered(camera, nm, irradiance)?;
         // The scans are taken one after the other: each has its own temporal noise.
         for grid in [true, false] {

@@ -234,15 +234,6 @@ pub fn uniform(
     IrradianceCube::uniform(header, &[(irradiance_w_m2 / width_nm) as f32])
 }
 
-/// Electrons at which the camera saturates: full well or the converter's end.
-pub fn saturation_e(camera: &Camera, gain: f64) -> f64 {
-    let s = &camera.sensor;
-    let full_scale = f64::from((1u32 << s.bits) - 1);
-    // dn_per_e = gain x full scale / full well (eq. 11).
-    let converter = (full_scale - s.black_level_dn) * s.full_well_e / (gain * full_scale);
-    s.full_well_e.min(converter)
-}
-
 /// Electrons per second for 1 W m⁻² of narrow-band light, in the channel that gets most.
 pub fn electrons_per_second(camera: &Camera, centre_nm: f64, width_nm: f64) -> f64 {
     let band = Bands { start_nm: centre_nm, step_nm: width_nm, count: 1 };
@@ -263,7 +254,8 @@ fn narrow_band(camera: &Camera, shot: &Shot) -> Result<(IrradianceCube, Light)> 
                 return Err(Error::disagreement(format!("the camera is blind at {centre} nm"))
                     .help("choose a wavelength within its quantum efficiency"));
             }
-            fill.unwrap_or(DEFAULT_FILL) * saturation_e(camera, gain) / (per_s * shot.exposure_s)
+            fill.unwrap_or(DEFAULT_FILL) * camera.sensor.saturation_e(gain)
+                / (per_s * shot.exposure_s)
         }
     };
     // The irradiance that the cube holds, not the one asked for: it goes into the manifest.

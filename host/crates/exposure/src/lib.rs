@@ -3,6 +3,7 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod displacement;
+pub mod hdr;
 mod irradiance;
 pub mod parallel;
 pub mod rows;

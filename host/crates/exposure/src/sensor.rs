@@ -40,6 +40,8 @@ const ROWS_PER_TASK: usize = 32;
 pub struct SimulatedSensor {
     /// The sensor as `sensor-core` takes it.
     pub config: SensorConfig,
+    /// Charge that a pixel holds, e⁻.
+    full_well_e: f32,
     crosstalk: Option<CrosstalkTable>,
     cfa: camrig_base::Cfa,
 }
@@ -48,7 +50,7 @@ impl SimulatedSensor {
     /// The sensor of `camera` in front of a cube with this header.
     ///
     /// # Errors
-    /// A cube of another size than the sensor's; values that `sensor-core` refuses.
+    /// A camera with `[sensor.hdr]`, which is an [`HdrSensor`](super::hdr::HdrSensor); a cube of another size than the sensor's; values that `sensor-core` refuses.
     pub fn new(camera: &Camera, header: &CubeHeader) -> Result<Self> {
         Self::in_light(camera, header, 1.0)
     }
@@ -60,6 +62,14 @@ impl SimulatedSensor {
     /// Those of [`Self::new`].
     pub fn in_light(camera: &Camera, header: &CubeHeader, light: f64) -> Result<Self> {
         let sensor = &camera.sensor;
+        if let Some(hdr) = &sensor.hdr {
+            let names: Vec<&str> = hdr.captures.iter().map(|c| c.name.as_str()).collect();
+            return Err(Error::unsupported(format!(
+                "a sensor of {} captures where one is read",
+                names.len()
+            ))
+            .help(format!("choose one with --capture: {}", names.join(", "))));
+        }
         if (header.width, header.height) != (sensor.width as usize, sensor.height as usize) {
             return Err(Error::disagreement(format!(
                 "irradiance of {} x {} pixels for a sensor of {} x {}",
@@ -76,7 +86,12 @@ impl SimulatedSensor {
             *response = (own * light) as f32;
         }
         config.check().map_err(refused)?;
-        Ok(Self { config, crosstalk: sensor.crosstalk.clone(), cfa: sensor.cfa.clone() })
+        Ok(Self {
+            config,
+            full_well_e: sensor.full_well_e as f32,
+            crosstalk: sensor.crosstalk.clone(),
+            cfa: sensor.cfa.clone(),
+        })
     }
 
     /// One frame of `cube`, in floating point and dark before.
@@ -150,7 +165,7 @@ impl SimulatedSensor {
 
     /// DN at which a pixel saturates: full well or the converter's end, whichever comes first.
     fn white_level_dn(&self, analog_gain: f32) -> u16 {
-        let full = self.config.dn_per_e(analog_gain) * self.config.full_well_e;
+        let full = self.config.dn_per_e(analog_gain) * self.full_well_e;
         (full + self.config.black_level_dn).min(f32::from(self.config.max_dn())) as u16
     }
 }

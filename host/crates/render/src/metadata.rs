@@ -126,7 +126,7 @@ fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
 fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let sensor = &camera.sensor;
     let max_dn = f64::from((1u32 << sensor.bits) - 1);
-    let dn_per_e = gain * max_dn / sensor.full_well_e;
+    let dn_per_e = sensor.dn_per_e(gain);
     let range = max_dn - sensor.black_level_dn;
     let post = sensor.noise.read_e_post.powi(2);
     let read_e2 = sensor.noise.read_e.powi(2) - post + post / (gain * gain);

@@ -170,8 +170,7 @@ impl Maker<'_> {
 
     /// DN per electron at an analog gain, from the camera file.
     fn nominal_gain(&self, analog_gain: f64) -> f64 {
-        let sensor = &self.camera.sensor;
-        analog_gain * f64::from((1u32 << sensor.bits) - 1) / sensor.full_well_e
+        self.camera.sensor.dn_per_e(analog_gain)
     }
 
     /// Mean level of a stack above dark, DN.

@@ -1,6 +1,7 @@
 //! What the tests of camrig share.
 
 pub mod browser;
+pub mod hdr;
 
 use std::path::{Path, PathBuf};
 

@@ -85,6 +85,5 @@ pub fn dn_per_e(camera: &Camera, analog_gain: f64) -> f64 {
         Some(Effect::SystemGain(e)) => f64::from(e.ratio),
         _ => 1.0,
     };
-    let full_scale = f64::from((1u32 << camera.sensor.bits) - 1);
-    ratio * analog_gain * full_scale / camera.sensor.full_well_e
+    ratio * camera.sensor.dn_per_e(analog_gain)
 }

@@ -78,7 +78,7 @@ fn camera_file(
         let s = &camera.sensor;
         sensor.insert("bits".into(), i64::from(s.bits).into());
         sensor.insert("black_level_dn".into(), seven_figures(s.black_level_dn).into());
-        sensor.insert("full_well_e".into(), seven_figures(s.full_well_e).into());
+        sensor.insert("full_scale_e".into(), seven_figures(s.full_scale_e).into());
     }
     const OF_BASE_MODEL: [&str; 4] = ["read-noise", "prnu", "dark-current", "row-offset-fpn"];
     let base = |e: &AnyEffect| OF_BASE_MODEL.contains(&e.kind());

@@ -17,8 +17,8 @@ pub fn camera_of(camera: &Camera, cleaned: &Cleaned) -> Camera {
     sensor.bits -= shift as u8;
     let full = |bits: u32| f64::from((1u32 << bits) - 1);
     let step_dn = f64::from(step.step);
-    // The gain is full scale over full well.
-    sensor.full_well_e *= full(bits - shift) * step_dn / full(bits);
+    // The gain stays the same.
+    sensor.full_scale_e *= full(bits - shift) * step_dn / full(bits);
     sensor.black_level_dn = (sensor.black_level_dn - f64::from(step.offset)).max(0.0) / step_dn;
     camera
 }

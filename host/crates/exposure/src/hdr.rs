@@ -1,0 +1,126 @@
+//! Frames of a sensor that reads each pixel several times.
+
+use super::sensor::{FrameOptions, SimulatedSensor};
+use super::{CubeHeader, IrradianceCube};
+use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_camera::hdr::{Hdr, HdrOutput};
+use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::hdr::MAX_CAPTURES;
+use rayon::prelude::*;
+
+/// A camera with `[sensor.hdr]`, set up for cubes of given bands: each capture a sensor, and what
+/// is made of their codes.
+pub struct HdrSensor {
+    sensors: Vec<SimulatedSensor>,
+    hdr: Hdr,
+}
+
+/// One exposure of an [`HdrSensor`].
+pub struct HdrFrame {
+    /// The codes of its captures, in the camera's order.
+    pub captures: Vec<RawFrame>,
+    /// The merged signal, linear DN.
+    pub linear: Plane<u32>,
+}
+
+impl HdrSensor {
+    /// The sensor of `camera` in front of a cube with this header, in another light level than
+    /// the cube was made for: `light` multiplies the irradiance.
+    ///
+    /// # Errors
+    /// A camera without `[sensor.hdr]`; a cube of another size than the sensor's, or of electrons
+    /// of one response; values that `sensor-core` refuses.
+    pub fn in_light(camera: &Camera, header: &CubeHeader, light: f64) -> Result<Self> {
+        let hdr = camera.sensor.hdr.clone();
+        let hdr = hdr.ok_or_else(|| Error::input("a camera without [sensor.hdr]"))?;
+        if header.holds_electrons() {
+            return Err(Error::disagreement("electrons of one response for several captures")
+                .help("make the irradiance anew, in bands"));
+        }
+        let captures = (0..hdr.captures.len()).filter_map(|i| camera.of_capture(i));
+        let sensors = captures.map(|camera| SimulatedSensor::in_light(&camera, header, light));
+        Ok(Self { sensors: sensors.collect::<Result<_>>()?, hdr })
+    }
+
+    /// What the camera's file says of its captures.
+    pub fn hdr(&self) -> &Hdr {
+        &self.hdr
+    }
+
+    /// The sensors of the captures.
+    pub fn captures(&self) -> &[SimulatedSensor] {
+        &self.sensors
+    }
+
+    /// One frame of `cube`: every window sees the same light, for its own time.
+    ///
+    /// # Errors
+    /// Windows of a photodiode that overlap at this exposure; settings out of range; irradiance
+    /// that cannot be read.
+    pub fn frame(
+        &self,
+        cube: &IrradianceCube,
+        settings: &FrameSettings,
+        options: FrameOptions<'_>,
+    ) -> Result<HdrFrame> {
+        self.hdr.check_exposure(settings.exposure_s.into())?;
+        let captures = self.sensors.iter().zip(&self.hdr.captures).map(|(sensor, capture)| {
+            sensor.frame_with(cube, &self.hdr.settings(capture, settings), options)
+        });
+        let captures = captures.collect::<Result<Vec<RawFrame>>>()?;
+        let linear = self.merged(&captures);
+        Ok(HdrFrame { captures, linear })
+    }
+
+    fn merged(&self, captures: &[RawFrame]) -> Plane<u32> {
+        let Some(RawFrame { width, height, .. }) = captures.first() else {
+            return Plane { width: 0, height: 0, data: Vec::new() };
+        };
+        let mut data = vec![0; width * height];
+        data.par_chunks_mut(*width).enumerate().for_each(|(y, row)| {
+            for (x, linear) in row.iter_mut().enumerate() {
+                let mut codes = [0; MAX_CAPTURES];
+                for (code, frame) in codes.iter_mut().zip(captures) {
+                    *code = frame.data[y * width + x];
+                }
+                *linear = self.hdr.merge.linear(&codes[..captures.len()]);
+            }
+        });
+        Plane { width: *width, height: *height, data }
+    }
+
+    /// What the sensor sends of a frame, as raw frames: one of the merged signal, or one of each
+    /// capture.
+    ///
+    /// # Errors
+    /// A linear output of more than 16 bits, which raw frames do not hold.
+    pub fn sent(&self, frame: HdrFrame, analog_gain: f64) -> Result<Vec<RawFrame>> {
+        let hdr = &self.hdr;
+        let white = hdr.linear_white_dn(analog_gain);
+        let pedestal = hdr.merge.pedestal_dn();
+        let (bits, black_level_dn, white_level_dn, code): (_, _, _, Code<'_>) =
+            match (hdr.output, &hdr.companding) {
+                (HdrOutput::Captures, _) => return Ok(frame.captures),
+                (HdrOutput::Companded, Some(c)) => {
+                    (c.bits, f64::from(c.code(pedestal)), c.code(white), Box::new(|x| c.code(x)))
+                }
+                _ if hdr.merge.max_dn() > u32::from(u16::MAX) => {
+                    return Err(Error::unsupported("a linear output of more than 16 bits")
+                        .help("use output = \"companded\" or \"captures\", or linear_bits = 16"));
+                }
+                _ => (16, f64::from(pedestal), white as u16, Box::new(|x| x as u16)),
+            };
+        let Plane { width, height, data } = frame.linear;
+        let data = data.par_iter().map(|&linear| code(linear)).collect();
+        let cfa = frame.captures[0].cfa.clone();
+        let bits = u32::from(bits);
+        Ok(vec![RawFrame { width, height, bits, cfa, black_level_dn, white_level_dn, data }])
+    }
+}
+
+/// The code that is sent of a linear signal.
+type Code<'a> = Box<dyn Fn(u32) -> u16 + Sync + 'a>;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,310 @@
+//! Frames of HDR sensors against the figures of `golden/hdr`.
+
+use super::HdrSensor;
+use crate::rows::{Vector, rows};
+use crate::{CubeHeader, FrameOptions, IrradianceCube};
+use camrig_camera::hdr::Hdr;
+use camrig_camera::{Camera, Change};
+use camrig_sensor_core::arith::{Arith, Block, Fixed, Float};
+use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::effects::Effect;
+use camrig_testing::{hdr, shared};
+use std::collections::HashMap;
+
+fn camera(name: &str, size: [u32; 2], changes: &[Change]) -> Camera {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("camera.toml");
+    std::fs::write(&path, hdr::camera(name, size, "companded")).unwrap();
+    Camera::load_with(path.to_str().unwrap(), changes).unwrap()
+}
+
+/// The rows of a table of golden/hdr, each as its columns by name.
+fn golden(file: &str) -> Option<Vec<HashMap<String, String>>> {
+    let mut table = csv::Reader::from_path(shared("golden/hdr")?.join(file)).unwrap();
+    Some(table.deserialize().map(Result::unwrap).collect())
+}
+
+/// Photo-electrons and dark electrons of each capture.
+fn electrons(hdr: &Hdr, exposure_s: f64, mu: f64) -> Vec<[f64; 2]> {
+    let of = |c: &camrig_camera::hdr::Capture| {
+        let photodiode = &hdr.photodiodes[c.photodiode];
+        let (_, ratio) = photodiode.response.samples().next().unwrap();
+        let dark = photodiode.dark_current_e_per_s * exposure_s * c.exposure_ratio;
+        [mu * ratio * c.exposure_ratio, dark]
+    };
+    hdr.captures.iter().map(of).collect()
+}
+
+/// The codes of each capture without noise in these lights, one per pixel of a row.
+fn codes<A: Vector>(camera: &Camera, exposure_s: f64, lights: &[f64]) -> Vec<Vec<u16>> {
+    let hdr = camera.sensor.hdr.as_ref().unwrap();
+    let header = header(camera);
+    let sensor = HdrSensor::in_light(camera, &header, 1.0).unwrap();
+    let of = |i: usize| {
+        let mut config = sensor.captures()[i].config.clone();
+        config.effects.retain(|e| matches!(e, Effect::FullWell(_)));
+        let mut light = |_: u32, out: &mut [Block<A::Signal>]| {
+            for (v, mu) in out.as_flattened_mut().iter_mut().zip(lights) {
+                let [light, dark] = electrons(hdr, exposure_s, *mu)[i];
+                // Beyond the range of charge it saturates.
+                *v = A::Light::signal((light + dark) as f32);
+            }
+        };
+        let settings = hdr.settings(&hdr.captures[i], &FrameSettings::new(exposure_s as f32));
+        let mut out = vec![0; lights.len()];
+        rows::<A>(&config, &settings, &mut light, 0, &mut out).unwrap();
+        out
+    };
+    (0..hdr.captures.len()).map(of).collect()
+}
+
+fn header(camera: &Camera) -> CubeHeader {
+    CubeHeader {
+        width: camera.sensor.width as usize,
+        height: camera.sensor.height as usize,
+        first_band_nm: 550.0,
+        band_step_nm: 10.0,
+        bands: 1,
+        level: 1.0,
+        lux: None,
+        illuminant: None,
+        light: Vec::new(),
+        made_of: "even light".into(),
+        made_for: Default::default(),
+    }
+}
+
+/// The code of a capture in f64, and how far the exact value is from the next rounding.
+fn exact(hdr: &Hdr, i: usize, electrons: f64) -> (u16, f64) {
+    let capture = &hdr.captures[i];
+    let charge = electrons.min(hdr.well_e(capture));
+    let dn = charge * capture.dn_per_e(1.0) + f64::from(capture.black_level_dn);
+    let code = dn.round_ties_even().min(4095.0) as u16;
+    (code, (dn - dn.floor() - 0.5).abs())
+}
+
+fn codes_without_noise<A: Vector>() {
+    let Some(rows) = golden("expected_dn.csv") else { return };
+    for name in hdr::CAMERAS {
+        let own: Vec<_> = rows.iter().filter(|row| row["camera"] == name).collect();
+        let camera = camera(name, [own.len() as u32, 1], &[]);
+        let described = camera.sensor.hdr.as_ref().unwrap();
+        let lights: Vec<f64> = own.iter().map(|row| row["mu_e"].parse().unwrap()).collect();
+        let all = codes::<A>(&camera, hdr::exposure_s(name), &lights);
+        for (x, row) in own.iter().enumerate() {
+            let wanted: Vec<u16> =
+                row["capture_dn"].split(' ').map(|dn| dn.parse().unwrap()).collect();
+            let each = electrons(described, hdr::exposure_s(name), lights[x]);
+            for (i, wanted) in wanted.iter().enumerate() {
+                let (code, to_half) = exact(described, i, each[i][0] + each[i][1]);
+                assert_eq!(code, *wanted, "the test's own reference");
+                let off = all[i][x].abs_diff(*wanted);
+                assert!(off == 0 || (off == 1 && to_half < 0.01), "{name} {row:?}: {}", all[i][x]);
+            }
+            let merge = &described.merge;
+            assert_eq!(merge.above_black(&wanted).to_string(), row["merged"], "{name} {row:?}");
+            let linear = merge.linear(&wanted);
+            assert_eq!(linear.to_string(), row["linear_dn"], "{name} {row:?}");
+            let code = described.companding.as_ref().unwrap().code(linear);
+            assert_eq!(code.to_string(), row["companded_dn"], "{name} {row:?}");
+        }
+    }
+}
+
+#[test]
+fn codes_without_noise_are_those_of_the_closed_form() {
+    codes_without_noise::<Float>();
+    codes_without_noise::<Fixed>();
+}
+
+/// Share of levels at which any capture has another code than in f64.
+fn other_codes<A: Vector>(name: &str, levels: usize) -> f64 {
+    // As many levels as a row has pixels at most, row by row.
+    let camera = camera(name, [20_000, 1], &[]);
+    let described = camera.sensor.hdr.as_ref().unwrap();
+    let exposure_s = hdr::exposure_s(name);
+    let end = camrig_camera::hdr::expected::Expected::new(&camera, exposure_s, 1.0)
+        .unwrap()
+        .saturation_e();
+    let light = |k: usize| {
+        let decades = end.log10() + 1.0;
+        10f64.powf(-1.0 + decades * k as f64 / (levels - 1) as f64)
+    };
+    let lights: Vec<f64> = (0..levels).map(light).collect();
+    let mut others = 0;
+    for lights in lights.chunks(20_000) {
+        let all = codes::<A>(&camera, exposure_s, lights);
+        others += (0..lights.len())
+            .filter(|&x| {
+                let each = electrons(described, exposure_s, lights[x]);
+                (0..all.len()).any(|i| {
+                    let (code, _) = exact(described, i, each[i][0] + each[i][1]);
+                    assert!(all[i][x].abs_diff(code) <= 1, "{name} {}", lights[x]);
+                    all[i][x] != code
+                })
+            })
+            .count();
+    }
+    others as f64 / levels as f64
+}
+
+#[test]
+fn both_arithmetics_have_the_codes_of_f64_almost_always() {
+    let Some(rows) = golden("arithmetic.csv") else { return };
+    const LEVELS: usize = 200_000;
+    for row in rows {
+        let name = &row["camera"];
+        let share = match row["arithmetic"].as_str() {
+            "f32" => other_codes::<Float>(name, LEVELS),
+            _ => other_codes::<Fixed>(name, LEVELS),
+        };
+        let wanted: f64 = row["share_of_levels_with_another_code"].parse().unwrap();
+        println!("{name} {}: {share:.2e}, reference {wanted:.2e}", row["arithmetic"]);
+        assert!(share <= 2.0 * wanted, "{name} {}: {share}", row["arithmetic"]);
+    }
+}
+
+#[test]
+fn a_ratio_that_is_off_shows_in_the_merged_signal_as_far_as_its_weight() {
+    let Some(rows) = golden("handover.csv") else { return };
+    for row in rows {
+        let (ratio, leak) = match row["case"].as_str() {
+            "red +6 %" => (1.06, 0.0),
+            "blue -8 %" => (0.92, 0.0),
+            "leak 0.1 % of large" => (1.0, 0.001),
+            _ => (1.0, 0.0),
+        };
+        let mut camera = camera("split4", [1, 1], &[]);
+        let described = camera.sensor.hdr.as_mut().unwrap();
+        let small = ratio * 3.0 / 128.0 + leak;
+        described.photodiodes[1].response = camrig_base::Spectrum::constant(small);
+        let light = row["mu_e"].parse().unwrap();
+        let codes = codes::<Float>(&camera, hdr::exposure_s("split4"), &[light]);
+        let codes: Vec<u16> = codes.iter().map(|row| row[0]).collect();
+        let merged = camera.sensor.hdr.unwrap().merge.above_black(&codes);
+        assert_eq!(merged.to_string(), row["merged"], "{row:?}");
+    }
+}
+
+/// One noisy frame of even light, µ photo-electrons in the first capture.
+fn flat(camera: &Camera, exposure_s: f64, mu: f64, frame: u32) -> super::HdrFrame {
+    let cube = IrradianceCube::uniform(header(camera), &[1.0]).unwrap();
+    let band = header(camera).spectral_bands();
+    let per_s = camera.of_capture(0).unwrap().sensor.response(&band)[0][0];
+    let sensor = HdrSensor::in_light(camera, &cube.header, mu / (per_s * exposure_s)).unwrap();
+    let settings = FrameSettings::new(exposure_s as f32).with_frame(frame);
+    sensor.frame(&cube, &settings, FrameOptions::default()).unwrap()
+}
+
+fn mean_and_deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
+    let n = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / n;
+    let squares: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
+    (mean, (squares / (n - 1.0)).sqrt())
+}
+
+#[test]
+fn merged_and_companded_frames_have_the_mean_and_noise_of_independent_draws() {
+    const SIDE: u32 = 200;
+    // Draws behind the golden figures over those here.
+    let fewer = 1e6 / f64::from(SIDE * SIDE);
+    for name in hdr::CAMERAS {
+        let Some(rows) = golden(&format!("mc_{name}.csv")) else { return };
+        let camera = camera(name, [SIDE, SIDE], &[]);
+        let described = camera.sensor.hdr.as_ref().unwrap();
+        for (frame, row) in (0..).zip(&rows) {
+            let number = |column: &str| row[column].parse::<f64>().unwrap();
+            let got = flat(&camera, hdr::exposure_s(name), number("mu_e"), frame);
+            let near = |got: f64, column: &str, error: &str| {
+                let tolerance = 5.0 * number(error) * (1.0 + fewer).sqrt();
+                let off = got - number(column);
+                assert!(off.abs() <= tolerance.max(1e-9), "{name} {column} {row:?}: {got}");
+            };
+            let pedestal = f64::from(described.merge.pedestal_dn());
+            let merged = got.linear.data.iter().map(|&dn| f64::from(dn) - pedestal);
+            let (mean, deviation) = mean_and_deviation(merged);
+            // Light at which the output's end cuts the noise has other figures before the cut.
+            if number("merged_mean") + 6.0 * number("merged_std") + pedestal
+                < f64::from(described.merge.max_dn())
+            {
+                near(mean, "merged_mean", "se");
+                near(deviation, "merged_std", "se_std");
+            }
+            let companding = described.companding.as_ref().unwrap();
+            let sent = got.linear.data.iter().map(|&dn| f64::from(companding.code(dn)));
+            near(mean_and_deviation(sent).0, "companded_mean", "se_companded");
+        }
+    }
+}
+
+#[test]
+fn two_gains_read_one_charge_and_two_exposures_two() {
+    let Some(rows) = golden("shared_charge.csv") else { return };
+    const SIDE: u32 = 400;
+    for row in rows.iter().filter(|row| row["draw"] == "shared") {
+        let number = |column: &str| row[column].parse::<f64>().unwrap();
+        let name = &row["camera"];
+        let camera = camera(name, [SIDE, SIDE], &[]);
+        let got = flat(&camera, hdr::exposure_s(name), number("mu_e"), 0);
+        let correlation = |a: usize, b: usize| {
+            let values = |i: usize| got.captures[i].data.iter().map(|&dn| f64::from(dn));
+            let ((ma, sa), (mb, sb)) =
+                (mean_and_deviation(values(a)), mean_and_deviation(values(b)));
+            let n = f64::from(SIDE * SIDE);
+            values(a).zip(values(b)).map(|(x, y)| (x - ma) * (y - mb)).sum::<f64>()
+                / (n - 1.0)
+                / (sa * sb)
+        };
+        let fewer = (1e6 / f64::from(SIDE * SIDE) + 1.0).sqrt();
+        let off = correlation(0, 1) - number("correlation_hcg_lcg");
+        assert!(off.abs() < 5.0 * number("se_correlation") * fewer, "{name}: {off}");
+        let dn_per_e = camera.sensor.hdr.as_ref().unwrap().captures[0].dn_per_e(1.0);
+        let merged = got.linear.data.iter().map(|&dn| f64::from(dn) / dn_per_e);
+        let variance = mean_and_deviation(merged).1.powi(2);
+        let off = variance - number("variance_e2");
+        assert!(off.abs() < 5.0 * number("se") * fewer, "{name}: {variance}");
+    }
+    let camera = camera("dol3", [SIDE, SIDE], &[]);
+    let got = flat(&camera, hdr::exposure_s("dol3"), 8000.0, 0);
+    let [(ml, sl), (mm, sm)] =
+        [0, 1].map(|i| mean_and_deviation(got.captures[i].data.iter().map(|&dn| f64::from(dn))));
+    let pairs = got.captures[0].data.iter().zip(&got.captures[1].data);
+    let sum: f64 = pairs.map(|(&a, &b)| (f64::from(a) - ml) * (f64::from(b) - mm)).sum();
+    let n = f64::from(SIDE * SIDE);
+    assert!((sum / n / (sl * sm)).abs() < 5.0 / n.sqrt(), "two windows are two draws");
+}
+
+#[test]
+fn fixed_patterns_belong_to_a_photodiode() {
+    let mut camera = camera("split4", [64, 64], &[]);
+    for photodiode in &mut camera.sensor.hdr.as_mut().unwrap().photodiodes {
+        photodiode.prnu = 0.05;
+    }
+    // Light at which hcg, lcg and the small photodiode are far above their noise.
+    let frames = (0..8).map(|f| flat(&camera, hdr::exposure_s("split4"), 4000.0, f));
+    let frames: Vec<_> = frames.collect();
+    let map = |i: usize| -> Vec<f64> {
+        let pixels = 0..64 * 64;
+        pixels.map(|p| frames.iter().map(|f| f64::from(f.captures[i].data[p])).sum()).collect()
+    };
+    let correlation = |a: &[f64], b: &[f64]| {
+        let ((ma, sa), (mb, sb)) =
+            (mean_and_deviation(a.iter().copied()), mean_and_deviation(b.iter().copied()));
+        let sum: f64 = a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb)).sum();
+        sum / (a.len() - 1) as f64 / (sa * sb)
+    };
+    assert!(correlation(&map(0), &map(1)) > 0.95, "two gains of one photodiode");
+    assert!(correlation(&map(0), &map(2)).abs() < 0.1, "two photodiodes");
+}
+
+#[test]
+fn a_sensor_of_several_captures_is_not_read_as_one() {
+    let camera = camera("split4", [4, 2], &[]);
+    let e = crate::SimulatedSensor::new(&camera, &header(&camera)).err().unwrap();
+    assert!(e.remedy().unwrap().contains("--capture: hcg, lcg, small, very-short"));
+    let overlapping = HdrSensor::in_light(&camera, &header(&camera), 1.0).unwrap();
+    let cube = IrradianceCube::uniform(header(&camera), &[1.0]).unwrap();
+    let long = FrameSettings::new(0.03);
+    let e = overlapping.frame(&cube, &long, FrameOptions::default()).err().unwrap();
+    assert!(e.to_string().contains("overlap"), "{e}");
+}
