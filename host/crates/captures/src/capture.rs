@@ -69,6 +69,9 @@ pub struct Capture {
     pub scene: Option<CapturedScene>,
     /// Orientation of the sensor; with role `rotation`.
     pub rotation: Option<Rotation>,
+    /// Numbers of frames that readers leave out, from 0 in order of time.
+    #[serde(skip)]
+    pub left_out: Vec<usize>,
 }
 
 fn unity() -> f64 {
@@ -108,6 +111,7 @@ impl Capture {
             light: None,
             scene: None,
             rotation: None,
+            left_out: Vec::new(),
         }
     }
 }

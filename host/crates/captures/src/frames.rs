@@ -173,13 +173,16 @@ fn uncompressed(path: &Path, shared: &Arc<Path>) -> Result<Option<(Vec<StoredFra
 pub struct Batches<'a> {
     sensor: &'a SensorFacts,
     files: &'a [PathBuf],
+    left_out: &'a [usize],
+    opened: usize,
     waiting: VecDeque<StoredFrame>,
 }
 
 impl<'a> Batches<'a> {
     /// For a capture of this sensor.
     pub fn new(sensor: &'a SensorFacts, capture: &'a Capture) -> Self {
-        Self { sensor, files: &capture.files, waiting: VecDeque::new() }
+        let (files, left_out) = (&capture.files[..], &capture.left_out[..]);
+        Self { sensor, files, left_out, opened: 0, waiting: VecDeque::new() }
     }
 
     /// Whether all frames have been returned.
@@ -204,7 +207,10 @@ impl<'a> Batches<'a> {
             let opened: Vec<_> = now.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
             for frame in opened.into_iter().flatten() {
                 self.check_size(&frame)?;
-                self.waiting.push_back(self.sensor.region_of(frame));
+                if !self.left_out.contains(&self.opened) {
+                    self.waiting.push_back(self.sensor.region_of(frame));
+                }
+                self.opened += 1;
             }
         }
         let most = if self.waiting.iter().any(in_memory) { few } else { MAX_OPEN_FILES };

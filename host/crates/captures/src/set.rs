@@ -103,12 +103,13 @@ impl CaptureSet {
         self.captures.iter().filter(move |c| c.role == role)
     }
 
-    /// Number of frames of a capture.
+    /// Number of frames of a capture that are read.
     ///
     /// # Errors
     /// A file that cannot be read.
     pub fn count(&self, capture: &Capture) -> Result<usize> {
-        capture.files.iter().map(|f| Ok(open(f)?.len())).sum()
+        let all: usize = capture.files.iter().map(|f| Ok(open(f)?.len())).sum::<Result<_>>()?;
+        Ok(all - capture.left_out.len())
     }
 
     /// Calls `each` with the capture's frames in order of time, a few at a time. Files of a batch

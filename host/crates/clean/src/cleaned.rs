@@ -6,6 +6,7 @@ use super::curves::FrameCurve;
 use super::finding::{Done, Finding, Kind};
 use super::inspect::inspect;
 use super::options::Options;
+use super::torn;
 use camrig_base::{Error, Plane, Result};
 use camrig_captures::{CaptureSet, Role};
 
@@ -36,7 +37,10 @@ impl Cleaned {
     /// # Errors
     /// Files that cannot be read.
     pub fn inspect(set: CaptureSet, options: &Options<'_>) -> Result<Self> {
-        let (findings, corrections) = inspect(&set, options)?;
+        let (set, torn) = torn::left_out(set)?;
+        let (mut findings, corrections) = inspect(&set, options)?;
+        findings.iter_mut().for_each(|f| torn::number_all_frames(&set, f));
+        findings.splice(0..0, torn);
         Ok(Self { set: corrections.apply_to_set(&set), raw: set, findings, corrections })
     }
 

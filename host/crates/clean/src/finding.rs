@@ -68,6 +68,8 @@ pub enum Kind {
     CodeStep,
     /// Frames that a camera filtered or compressed.
     ProcessedFrames,
+    /// Frames whose rows from some row on are of another exposure.
+    TornFrames,
     /// Events in single frames: cosmic rays, radioactivity.
     ParticleHits,
     /// Pixels that change once within a stack.

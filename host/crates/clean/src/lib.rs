@@ -1,5 +1,5 @@
 //! Finds and corrects everything in a capture set that is not the steady behaviour of its sensor:
-//! particle hits, wrong labels of light, copied frames, codes with a step, start-up, drift of the
+//! torn frames, particle hits, wrong labels of light, copied frames, codes with a step, start-up, drift of the
 //! lamp, pixels that change within a stack, frames that a camera processed.
 //!
 //! [`Cleaned`] is a capture set with its [`Finding`]s: which stack, which frames and pixels, how
@@ -11,6 +11,7 @@
 //! | in reading order | |
 //! |---|---|
 //! | `cleaned`, `finding`, `corrections`, `options` | the set, its findings, the corrections; options |
+//! | `torn` | frames of which a part is of another exposure |
 //! | `inspect` | the order of the tests |
 //! | `scan`, `band`, `residuals`, `transfer` | data for the tests: levels and codes of frames, time series of pixels, gain |
 //! | `codes`, `copies`, `temperature` | steps of the codes, identical frames, missing temperatures |
@@ -70,6 +71,7 @@ mod scan;
 mod temperature;
 #[cfg(test)]
 mod tests;
+mod torn;
 mod transfer;
 
 pub use camrig_base as base;

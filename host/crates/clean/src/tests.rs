@@ -147,6 +147,54 @@ fn nothing_is_found_in_clean_sets() {
     }
 }
 
+/// Rows from 30 on of two frames of the longer dark stack have 1 s less of a dark current of 10
+/// e⁻/s: 5 DN.
+#[test]
+fn torn_frames_are_named_with_their_rows_and_left_out() {
+    let mut tear = |e: &mut [f64], plan: &Plan, i: usize| {
+        if plan.0 == "dark-b" && [3, 8].contains(&i) {
+            e[30 * W..].iter_mut().for_each(|v| *v -= 10.0);
+        }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let hooks = Hooks { electrons: Some(&mut tear), ..Hooks::default() };
+    let set = set(folder.path(), 77, &PLAN, hooks, &|_| 1.0);
+    let cleaned = Cleaned::inspect(set, &Options::default()).unwrap();
+    let found = only(&cleaned);
+    assert_eq!(
+        (found.kind, &found.place[..], &found.frames[..]),
+        (Kind::TornFrames, "dark-b", &[3, 8][..])
+    );
+    assert!(found.description.contains("3 from row 30 on"), "{}", found.description);
+    assert!((found.amount.unwrap() - 5.0).abs() < 0.2, "{found:?}");
+    let captures = &cleaned.set().captures;
+    assert_eq!(cleaned.set().count(&captures[1]).unwrap(), 14);
+    assert_eq!(cleaned.for_each_batch(1, |_| Ok(())).unwrap(), 14);
+}
+
+/// A level that walks from row to row, anew in each frame, has steps everywhere.
+#[test]
+fn noise_that_follows_itself_over_rows_is_no_tear() {
+    let mut random = Random::seed_from_u64(5);
+    let unit = Normal::new(0.0, 1.0).unwrap();
+    let mut walk = |e: &mut [f64], _: &Plan, _: usize| {
+        let mut level = 0.0;
+        for row in e.chunks_mut(W) {
+            level += unit.sample(&mut random);
+            row.iter_mut().for_each(|v| *v += level);
+        }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let hooks = Hooks { electrons: Some(&mut walk), ..Hooks::default() };
+    let set = set(folder.path(), 78, &PLAN, hooks, &|_| 1.0);
+    let cleaned = Cleaned::inspect(set, &Options::default()).unwrap();
+    assert!(
+        cleaned.findings().iter().all(|f| f.kind != Kind::TornFrames),
+        "{:?}",
+        cleaned.findings()
+    );
+}
+
 #[test]
 fn random_offsets_of_frames_are_neither_a_curve_nor_events() {
     let mut random = Random::seed_from_u64(77);

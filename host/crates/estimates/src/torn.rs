@@ -26,6 +26,15 @@ pub struct Torn {
 /// Deviation from which a step is one: some 1e5 pairs and rows are tried, and row means of sensors
 /// have tails.
 const MIN_DEVIATION: f64 = 8.0;
+/// Part of the whole frames that must show the tear, and within how many rows: levels that walk
+/// from row to row have steps elsewhere beside each other frame.
+const MIN_AGREEING: f64 = 0.9;
+const SAME_ROW: usize = 2;
+/// Least step between the rows beside a tear over that between all rows on both sides. Chosen: at
+/// the least deviation it scatters by 0.3 about 1.
+const MIN_BESIDE: f64 = 0.5;
+/// Least scatter of row means that is believed, DN.
+const MIN_ROW_SD: f64 = 1e-3;
 /// Frames and rows without which there is nothing to compare, rows that a step keeps from the
 /// upper and lower edge.
 const MIN_FRAMES: usize = 3;
@@ -44,6 +53,15 @@ struct Step {
     row: usize,
     height: f64,
     deviation: f64,
+    /// Between the rows beside it.
+    beside: f64,
+}
+
+impl Step {
+    /// Whether both are at the same row, and this one between the rows beside it.
+    fn agrees_with(&self, other: Self) -> bool {
+        self.row.abs_diff(other.row) <= SAME_ROW && self.beside / self.height > MIN_BESIDE
+    }
 }
 
 /// The torn frames of dark stacks, which are sorted by exposure.
@@ -115,7 +133,11 @@ fn in_stack(stack: &Stack, expected: Option<f64>) -> Vec<Torn> {
         let own = pairs.filter(|((a, b), _)| {
             (*a == i && whole.contains(b)) || (*b == i && whole.contains(a))
         });
-        largest(&mut own.map(|(_, s)| *s)).filter(|s| s.deviation.abs() > MIN_DEVIATION)
+        let own: Vec<Step> = own.map(|(_, s)| *s).collect();
+        let most = largest(&mut own.iter().copied())?;
+        let agreeing = own.iter().filter(|s| s.agrees_with(most)).count();
+        let agree = agreeing as f64 >= MIN_AGREEING * own.len() as f64;
+        (most.deviation.abs() > MIN_DEVIATION && agree).then_some(most)
     };
     let found = torn.iter().filter_map(|&i| Some((i, against_whole(i)?)));
     found
@@ -150,13 +172,17 @@ fn step(stack: &Stack, i: usize, j: usize) -> Step {
     let plain = (between.iter().map(|d| d * d).sum::<f64>() / between.len() as f64).sqrt();
     let has_tail = between.iter().any(|d| d.abs() > 6.0 * robust);
     let sd = robust.max(if has_tail { 0.0 } else { 0.5 * plain }) / std::f64::consts::SQRT_2;
+    let sd = sd.max(MIN_ROW_SD);
     let total: f64 = rows.iter().sum();
     let mut above: f64 = rows[..MARGIN - 1].iter().sum();
     let steps = (MARGIN..height - MARGIN).map(|row| {
         above += rows[row - 1];
         let (n, m) = (row as f64, (height - row) as f64);
         let height = (total - above) / m - above / n;
-        Step { row, height, deviation: height / (sd.max(1e-3) * (1.0 / n + 1.0 / m).sqrt()) }
+        let deviation = height / (sd * (1.0 / n + 1.0 / m).sqrt());
+        let mean = |rows: &[f64]| rows.iter().sum::<f64>() / rows.len() as f64;
+        let beside = mean(&rows[row + 1..row + MARGIN]) - mean(&rows[row + 1 - MARGIN..row]);
+        Step { row, height, deviation, beside }
     });
     steps.max_by(|a, b| a.deviation.abs().total_cmp(&b.deviation.abs())).expect("rows")
 }

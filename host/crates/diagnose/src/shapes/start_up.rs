@@ -64,7 +64,7 @@ impl StartUp {
 
     fn amount_e(&self) -> Value {
         let FrameCurve { amplitude, std_error, .. } = self.curve;
-        Value { value: amplitude, std_error: std_error }.scaled(1.0 / self.gain)
+        Value { value: amplitude, std_error }.scaled(1.0 / self.gain)
     }
 }
 

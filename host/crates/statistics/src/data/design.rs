@@ -347,7 +347,7 @@ fn photo_electrons(camera: &Camera, capture: &Capture) -> Result<(Vec<f64>, bool
     let s = &camera.sensor;
     let channels = s.channel_names.len();
     let Some(light) = capture.light.as_ref().filter(|_| capture.role != Role::Dark) else {
-        return Ok((vec![0.0; channels], true));
+        return Ok((vec![0.0; channels], capture.role == Role::Dark));
     };
     let Some(nm) = light.wavelength_nm else {
         return Ok((vec![0.0; channels], false));
