@@ -252,8 +252,11 @@ pub fn expose_frames(
                 hdr.interleave(&long, &short)?
             }
         };
-        let info = render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
-        sink.write(&args.readout.readout().of(frame)?, &info)?;
+        let mut info =
+            render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
+        let readout = args.readout.readout();
+        info.pitch_um = info.pitch_um.map(|pitch| pitch * f64::from(readout.side()));
+        sink.write(&readout.of(frame)?, &info)?;
         taken += 1;
         bar.inc(1);
     }

@@ -69,6 +69,8 @@ pub struct DngInfo {
     pub f_number: Option<f64>,
     /// Focal length, mm.
     pub focal_length_mm: Option<f64>,
+    /// Distance of neighbouring pixels, µm. FITS has a place for it, DNG none that readers agree on.
+    pub pitch_um: Option<f64>,
     /// XYZ to camera R, G, B, for up to two lights.
     pub color_matrices: Vec<ColorMatrix>,
     /// Camera R, G, B of a white in the scene's light, the largest 1.
@@ -98,6 +100,7 @@ impl Default for DngInfo {
             iso: None,
             f_number: None,
             focal_length_mm: None,
+            pitch_um: None,
             color_matrices: Vec::new(),
             as_shot_neutral: None,
             noise_profile: Vec::new(),

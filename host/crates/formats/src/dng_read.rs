@@ -382,6 +382,7 @@ fn info(main: &Ifd, raw: &Ifd, taken_from: &[&Ifd]) -> DngInfo {
         iso: exif_value(34855).map(|v| v as u32),
         f_number: exif_value(33437),
         focal_length_mm: exif_value(37386),
+        pitch_um: None,
         color_matrices: color_matrices.collect(),
         as_shot_neutral: main.floats(50728).and_then(|v| v.try_into().ok()),
         noise_profile: noise.chunks_exact(2).map(|p| (p[0], p[1])).collect(),

@@ -4,8 +4,8 @@
 //! BZERO = 32768 (section 5.2.5). Read is the first image of the file, primary or extension, plain
 //! or compressed in tiles (section 10), of integers or floats of any size whose values are whole.
 //! Keywords of camera programs that are understood: BAYERPAT (COLORTYP) with XBAYROFF and
-//! YBAYROFF, ROWORDER, and what [`Taken`] holds. EXPTIME is written, where it is
-//! known. An extension without one of these keywords takes it from a primary header without data
+//! YBAYROFF, ROWORDER, and what [`Taken`] holds. Written are EXPTIME, GAIN (1 is
+//! unity), XPIXSZ and YPIXSZ where they are known, ROWORDER, and of a 2 x 2 pattern BAYERPAT. An extension without one of these keywords takes it from a primary header without data
 //! unless it says INHERIT = F (the INHERIT convention of the FITS registry), which a note says:
 //! programs that compress an image move it behind such a header.
 //!
@@ -19,6 +19,7 @@ mod rice;
 mod tiles;
 
 use self::header::Header;
+use super::taken::ISO_OF_UNITY;
 use super::{Facts, Frames, Taken, area, narrow, truncated};
 use camrig_base::{Cfa, Error, Plane, Result};
 
@@ -43,8 +44,25 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     }
     value("BZERO", "32768");
     value("BSCALE", "1");
-    if let Some(seconds) = frames.facts.exposure_to_say() {
-        value("EXPTIME", &seconds.to_string());
+    let facts = &frames.facts;
+    let gain = facts.iso_to_say().map(|iso| iso / ISO_OF_UNITY);
+    for (key, number) in
+        [("EXPTIME", facts.exposure_to_say()), ("GAIN", gain), ("XPIXSZ", facts.pitch_to_say())]
+    {
+        if let Some(number) = number {
+            value(key, &number.to_string());
+        }
+    }
+    if let Some(pitch) = facts.pitch_to_say() {
+        value("YPIXSZ", &pitch.to_string());
+    }
+    // Texts begin in column 11 and have eight characters at least (section 4.2.1.1).
+    let mut text = |key: &str, text: &str| value(key, &format!("{:<20}", format!("'{text:<8}'")));
+    text("ROWORDER", "TOP-DOWN");
+    if let Some(cfa) = facts.cfa.as_ref().filter(|cfa| is_bayer(cfa)) {
+        text("BAYERPAT", &cfa.to_string());
+        value("XBAYROFF", "0");
+        value("YBAYROFF", "0");
     }
     notes(&frames.facts.note()).into_iter().for_each(&mut card);
     card("END".into());
@@ -55,6 +73,11 @@ pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
     }
     bytes.resize(bytes.len().next_multiple_of(BLOCK), 0);
     Ok(bytes)
+}
+
+/// Whether other programs know a pattern by its four letters.
+fn is_bayer(cfa: &Cfa) -> bool {
+    (cfa.width, cfa.height) == (2, 2) && cfa.letters.iter().all(|c| "RGB".contains(*c))
 }
 
 /// The cards of a note: several where it is too long for one, without words too long for a card,

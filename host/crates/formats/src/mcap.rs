@@ -6,8 +6,10 @@
 //! `sensor_msgs/msg/CameraInfo` on `/camera/camera_info` with the same time stamp. Samples of up
 //! to 8 bits are `mono8` or `bayer_rggb8` and its like, others `...16`; they are the sensor's DN,
 //! not stretched. What ROS has no field for (bits, black and white level) is in the channel's
-//! metadata under `camrig`, from which [`decode`] takes it. Without compression; a chunk for each
+//! metadata under `camrig`, from which [`decode`] takes it. Written without compression, read also with zstd and lz4; a chunk for each
 //! frame, so that a recording that is cut off can be repaired (`mcap recover`).
+
+mod chunks;
 
 pub use super::ros::CameraInfo;
 use super::ros::{self, Image};
@@ -166,9 +168,15 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
             .help("one that was cut off is repaired by `mcap recover`")
     };
     let damaged = |error: mcap::McapError| not_whole(&error.to_string());
-    if !records_end_within(bytes.get(MCAP_MAGIC.len()..).unwrap_or_default(), false) {
-        return Err(not_whole("a record or a text is longer than what holds it"));
-    }
+    let checked = |bytes: &[u8]| {
+        let within = records_end_within(bytes.get(MCAP_MAGIC.len()..).unwrap_or_default(), false);
+        let longer = || not_whole("a record or a text is longer than what holds it");
+        within.then_some(()).ok_or_else(longer)
+    };
+    checked(bytes)?;
+    let unpacked = chunks::unpacked(bytes)?;
+    let bytes = unpacked.as_deref().unwrap_or(bytes);
+    checked(bytes)?;
     let mut topic: Option<Arc<mcap::Channel<'_>>> = None;
     let (mut planes, mut facts) = (Vec::<Plane<u16>>::new(), Facts::default());
     for message in MessageStream::new(bytes).map_err(damaged)? {
@@ -183,7 +191,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         }
         let (cfa, width, height, data) = Image::decode(&message.data)?;
         if topic.is_none() {
-            facts.cfa = Some(cfa);
+            facts.cfa = cfa;
             facts.merge_note(channel.metadata.get(NOTE).map_or("", |note| note));
             topic = Some(channel.clone());
         }
@@ -327,6 +335,37 @@ mod tests {
             assert_eq!(back.planes.len(), 3);
             assert_eq!(back.raw(2).unwrap(), frame, "{bits} {cfa}");
             assert_eq!(recorded(&frame, Some(info())), bytes, "the same bytes again");
+        }
+    }
+
+    /// Chunks as other writers pack them, with an index behind them that no longer fits.
+    #[test]
+    fn compressed_chunks_are_read() {
+        let frame = frame(12, "GBRG");
+        let plain = recorded(&frame, None);
+        for packing in ["zstd", "lz4"] {
+            let packed = chunks::tests::packed(&plain, packing);
+            assert_ne!(packed, plain);
+            assert_eq!(decode(&packed).unwrap(), decode(&plain).unwrap(), "{packing}");
+            let mut damaged = packed.clone();
+            let middle = packed.len() / 4;
+            damaged[middle..middle + 40].fill(0x55);
+            assert!(decode(&damaged).is_err(), "{packing}");
+        }
+        let other = chunks::tests::packed(&plain, "brotli");
+        let error = decode(&other).unwrap_err().to_string();
+        assert!(error.contains("brotli") && error.contains("mcap compress"), "{error}");
+    }
+
+    /// Drivers of cameras without a colour filter array, or that do not know it, say the type of
+    /// the samples alone.
+    #[test]
+    fn samples_without_a_pattern_are_read() {
+        for (encoding, data, samples) in
+            [("16UC1", vec![1, 2, 3, 4], vec![513, 1027]), ("8UC1", vec![1, 2], vec![1, 2])]
+        {
+            let image = Image { width: 2, height: 1, encoding: encoding.into(), data };
+            assert_eq!(Image::decode(&image.encode(0)).unwrap(), (None, 2, 1, samples));
         }
     }
 

@@ -145,8 +145,13 @@ pub fn encoding(cfa: &Cfa, bytes: usize) -> Result<String> {
     Ok(format!("bayer_{pattern}{bits}"))
 }
 
-/// The pattern and the bytes per sample that a ROS name means.
-fn layout(encoding: &str) -> Result<(Cfa, usize)> {
+/// The pattern, where it is said, and the bytes per sample that a ROS name means.
+fn layout(encoding: &str) -> Result<(Option<Cfa>, usize)> {
+    match encoding {
+        "8UC1" => return Ok((None, 1)),
+        "16UC1" => return Ok((None, 2)),
+        _ => {}
+    }
     let name = encoding.trim_end_matches(|c: char| c.is_ascii_digit());
     let bytes = match &encoding[name.len()..] {
         "8" => 1,
@@ -157,9 +162,9 @@ fn layout(encoding: &str) -> Result<(Cfa, usize)> {
         "mono" => Cfa::parse("mono").ok(),
         _ => name.strip_prefix("bayer_").and_then(|p| Cfa::parse(&p.to_ascii_uppercase()).ok()),
     };
-    cfa.filter(|_| bytes > 0).map(|cfa| (cfa, bytes)).ok_or_else(|| {
+    cfa.filter(|_| bytes > 0).map(|cfa| (Some(cfa), bytes)).ok_or_else(|| {
         Error::unsupported(format!("a ROS image of {encoding:?}"))
-            .help("mono8, mono16 and bayer_RGGB8 or 16 of the four patterns hold raw pixels")
+            .help("mono8, mono16, 8UC1, 16UC1 and bayer_RGGB8 or 16 of the four patterns hold raw pixels")
     })
 }
 
@@ -178,11 +183,11 @@ impl Image {
         message.0
     }
 
-    /// Its colour filter pattern and samples, DN.
+    /// Its colour filter pattern, where it says one, its width, height and samples, DN.
     ///
     /// # Errors
     /// A message that ends early, samples that are no raw pixels.
-    pub fn decode(message: &[u8]) -> Result<(Cfa, usize, usize, Vec<u16>)> {
+    pub fn decode(message: &[u8]) -> Result<(Option<Cfa>, usize, usize, Vec<u16>)> {
         let mut reader = Reader::new(message)?;
         reader.u32()?; // seconds
         reader.u32()?; // nanoseconds

@@ -7,7 +7,7 @@ use camrig_base::toml_text;
 
 /// ISO speed of unity gain in files of camrig and of camera-tuning tools
 /// ([`DngInfo::iso`](super::DngInfo::iso)).
-const ISO_OF_UNITY: f64 = 100.0;
+pub(super) const ISO_OF_UNITY: f64 = 100.0;
 
 /// A value and the field of the file that says it.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,6 +95,12 @@ impl Facts {
         let info = self.dng.as_ref().and_then(|info| info.exposure_s);
         let exposure_s = info.or(self.taken.exposure_s.as_ref().map(|said| said.value));
         exposure_s.map(toml_text::seven_figures)
+    }
+
+    /// Distance of pixels that a file of these facts is to say, µm.
+    pub(super) fn pitch_to_say(&self) -> Option<f64> {
+        let info = self.dng.as_ref().and_then(|info| info.pitch_um);
+        info.or(self.taken.pitch_um.as_ref().map(|said| said.value))
     }
 
     /// ISO speed that a file of these facts is to say.

@@ -30,6 +30,7 @@ fn info() -> DngInfo {
         iso: Some(200),
         f_number: Some(2.8),
         focal_length_mm: Some(3.6),
+        pitch_um: None,
         color_matrices: vec![
             ColorMatrix::of_a([[1.1, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.1, 0.25, 0.7]]),
             ColorMatrix::of_d65([[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]]),

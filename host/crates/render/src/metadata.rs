@@ -33,6 +33,7 @@ pub fn dng_info(
         iso: Some((100.0 * gain).round() as u32),
         f_number,
         focal_length_mm,
+        pitch_um: Some(camera.sensor.pitch_um),
         noise_profile: noise_profile(camera, gain),
         black_levels_dn: black_levels(camera),
         ..DngInfo::default()

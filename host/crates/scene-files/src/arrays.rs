@@ -61,6 +61,11 @@ enum Kind {
     Hdf5,
 }
 
+/// Whether a file is HDF5, whatever its name: NetCDF-4 and products of instruments are, too.
+pub(super) fn is_hdf5(path: &Path) -> bool {
+    super::starts_with(path, b"\x89HDF\r\n\x1a\n")
+}
+
 /// Opens a `.mat` or `.h5` file.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let arrays = Arrays::of(path)?;

@@ -17,10 +17,20 @@ use camrig_base::{Bands, Error, Plane, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Opens the cube whose header is `path`.
+/// The header beside a data file: `cube.img.hdr` or `cube.hdr` of `cube.img`.
+pub(super) fn header_beside(data: &Path) -> Option<PathBuf> {
+    let mut appended = data.as_os_str().to_owned();
+    appended.push(".hdr");
+    let beside = [PathBuf::from(appended), data.with_extension("hdr")];
+    beside.into_iter().find(|path| path != data && super::starts_with(path, b"ENVI"))
+}
+
+/// Opens the cube whose header or data file is `path`.
 pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     sidecar.without(&["axes", "array"], "an ENVI file, whose header says it")?;
-    let text = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
+    let beside = header_beside(path);
+    let (header_file, named) = (beside.as_deref().unwrap_or(path), beside.is_some());
+    let text = std::fs::read(header_file).map_err(|e| Error::io("read", header_file, e))?;
     let header = Header::parse(&String::from_utf8_lossy(&text))?;
     let [width, height, bands] =
         [header.size("samples")?, header.size("lines")?, header.size("bands")?];
@@ -44,7 +54,10 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let offset = header.text("header offset").map_or(Ok(0), |_| header.size("header offset"))?;
     let big_endian = big_endian(&header, sample, &mut notes)?;
     let reflectance_scale = header.number("reflectance scale factor")?;
-    let data = data_file(path, &mut notes)?;
+    let data = match named {
+        true => path.to_owned(),
+        false => data_file(header_file, &mut notes)?,
+    };
     let size = lengths.iter().fold(sample.bytes() as u64, |n, &l| n.saturating_mul(l as u64));
     let left = std::fs::metadata(&data)
         .map_or(0, |found| found.len().saturating_sub(size.saturating_add(offset as u64)));

@@ -141,6 +141,11 @@ impl Header {
         }
         // What else has such headers: transforms, lists of classes, lists of other files.
         let kind = self.text("file type").unwrap_or("").to_ascii_lowercase();
+        if kind.contains("spectral library") {
+            return Err(Error::unsupported("an ENVI spectral library: curves, and no image").help(
+                "save a curve as a table of wavelength_nm,value; a scene is an ENVI Standard file",
+            ));
+        }
         if ["fft", "classification", "meta", "mosaic"].iter().any(|other| kind.contains(other)) {
             return Err(Error::unsupported(format!("file type = {kind}"))
                 .help("a scene is an ENVI Standard file"));

@@ -8,6 +8,7 @@
 //! | `T.550,000000nm` | the same | reflectance |
 //! | `545.00-555.00nm` | Mitsuba 0.6: a band from, to | radiance |
 //! | `w550nm`, `550nm`, `550` | KAIST's hyperspectral set and others | reflectance |
+//! | any, in natural order, where the user gives the wavelengths | Mitsuba 3: specfilm | reflectance |
 //!
 //! (A. Fichet, R. Pacanowski, A. Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3),
 //! 2021.) Decimals have a comma or a point; units are metres or hertz with any prefix (nm, um,
@@ -26,7 +27,7 @@ use ::exr::meta::attribute::{AttributeValue, SampleType, Text};
 use ::exr::meta::header::Header;
 use ::exr::prelude::{MetaData, Vec2, f16};
 use camrig_base::unit::Unit;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, Plane, Result, natural_order};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -56,6 +57,8 @@ enum Naming {
     Interval,
     /// A wavelength, perhaps behind a letter.
     Wavelength,
+    /// Any names, of bands whose wavelengths the user gives.
+    Order,
 }
 
 /// The channels of one cube: those of one naming in one layer of one part.
@@ -82,6 +85,10 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
             }
         }
     }
+    if cubes.is_empty() && sidecar.given(0).is_some() {
+        cubes = in_order(&meta);
+        others.retain(|name| COLOURS.contains(&after_layer(name)));
+    }
     let wanted = sidecar.array.as_deref();
     let named = |cube: &Cubes| {
         let part = part_name(&meta.headers[cube.part]);
@@ -97,7 +104,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let mut own = about(&chosen, header, left, &others, sidecar)?;
     own.stated.scale = scale(header, sidecar, &mut own)?;
     let (nm, channels): (Vec<f64>, Vec<usize>) = chosen.bands.into_iter().unzip();
-    own.nm = Some(nm);
+    own.nm = (chosen.naming != Naming::Order).then_some(nm);
     let (window, note) = Window::of(path, header, 1, MAX_PIXELS)?.whole_part();
     own.notes.extend(note);
     let source = Channels {
@@ -119,6 +126,31 @@ fn put(cubes: &mut Vec<Cubes>, of: (Naming, usize, String), band: (f64, usize)) 
     }
 }
 
+/// Names of channels that are no bands.
+const COLOURS: [&str; 8] = ["R", "G", "B", "A", "X", "Y", "Z", "alpha"];
+
+fn after_layer(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
+}
+
+/// The channels of each layer of each part in natural order of their names, as Mitsuba 3's
+/// specfilm writes them under names of the user's; without colours, depth and alpha.
+fn in_order(meta: &MetaData) -> Vec<Cubes> {
+    let mut cubes = Vec::new();
+    for (part, header) in meta.headers.iter().enumerate().filter(|(_, header)| !header.deep) {
+        let full =
+            header.channels.list.iter().enumerate().filter(|(_, c)| c.sampling == Vec2(1, 1));
+        let mut names: Vec<_> = full.map(|(index, c)| (c.name.to_string(), index)).collect();
+        names.retain(|(name, _)| !COLOURS.contains(&after_layer(name)));
+        names.sort_by_cached_key(|(name, _)| natural_order(name));
+        for (name, index) in names {
+            let layer = name.rsplit_once('.').map_or("", |(layer, _)| layer).to_string();
+            put(&mut cubes, (Naming::Order, part, layer), (0.0, index));
+        }
+    }
+    cubes
+}
+
 pub(super) fn part_name(header: &Header) -> Option<String> {
     header.own_attributes.layer_name.as_ref().map(Text::to_string)
 }
@@ -131,7 +163,8 @@ fn nothing(wanted: Option<&str>, cubes: &[Cubes], others: &[String]) -> Error {
     }
     Error::unsupported(format!("no spectral channel among {}", others.join(", "))).help(
         "name channels like S0.550,000000nm (radiance) or T.550,000000nm (reflectance), or R, G, B \
-         of one resolution",
+         of one resolution; or give start_nm and step_nm, or wavelength_nm: the channels are then its \
+         bands, in natural order of their names",
     )
 }
 
@@ -148,7 +181,7 @@ fn about(
     let quantity = match naming {
         Naming::Radiance | Naming::Interval => Some(Quantity::Radiance),
         Naming::Reflectance => Some(Quantity::Reflectance),
-        Naming::Wavelength => {
+        Naming::Wavelength | Naming::Order => {
             let first = &header.channels.list[bands[0].1];
             let has_unit = emissive_unit(header).is_some();
             units::quantity_of(&first.name.to_string(), has_unit, sidecar)?
@@ -222,6 +255,7 @@ impl Naming {
             Naming::Reflectance => "T and wavelength (reflectance)",
             Naming::Interval => "intervals of wavelength",
             Naming::Wavelength => "wavelength",
+            Naming::Order => "the user, in natural order",
         }
     }
 }

@@ -47,6 +47,8 @@ mod units;
 use camrig_base::{Error, ErrorCode, Result};
 use camrig_scene::{Bands, Beyond, Components, Quantity, Scene, White};
 use camrig_scene::{chart, cube, level, preview, selection};
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 /// Opens a scene by its name: a built-in chart (`NAME[:OPTIONS]`), a spectral cube or a picture
@@ -90,7 +92,9 @@ pub fn open_file(spec: &str) -> Result<cube::Cube> {
         return open_folder(path, options);
     }
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    if rgb::is_picture(path, &extension).map_err(|e| e.at(path.display()))? {
+    // Wavelengths are those of a cube: of the channels that a picture would leave out.
+    let of_bands = options.contains("_nm=");
+    if !of_bands && rgb::is_picture(path, &extension).map_err(|e| e.at(path.display()))? {
         return rgb::open(path, &extension, options).map_err(|e| e.at(path.display()));
     }
     let open = match extension.as_str() {
@@ -99,10 +103,18 @@ pub fn open_file(spec: &str) -> Result<cube::Cube> {
         "mat" | "h5" | "hdf5" | "hdf" | "he5" | "nc" | "nc4" => arrays::open,
         "exr" => exr::open,
         "tif" | "tiff" => images::open_stack,
+        _ if envi::header_beside(path).is_some() => envi::open,
+        _ if arrays::is_hdf5(path) => arrays::open,
         _ => return Err(unknown_scene(spec)),
     };
     let sidecar = sidecar::Sidecar::read(path, options)?;
     open(path, &sidecar).map_err(|e| e.at(path.display()))
+}
+
+/// Whether the first bytes of a file are these.
+fn starts_with(path: &Path, magic: &[u8]) -> bool {
+    let mut start = vec![0; magic.len()];
+    File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok()) && start == magic
 }
 
 /// A file's name and the options behind it.
@@ -156,11 +168,16 @@ fn unknown_scene(spec: &str) -> Error {
         return Error::unsupported(format!("{spec:?} is a picture of a kind that is not read"))
             .help("save it as PNG, JPEG, TIFF, OpenEXR or Radiance");
     }
+    let kinds = "a spectral cube (.npy, .npz, .hdr, .mat, .h5, .nc, .exr, .tif), a picture (.png, \
+                 .jpg, .tif, .exr, .hdr)";
+    if Path::new(name).is_file() {
+        return Error::unsupported(format!("{name:?} is a file of a kind that is no scene"))
+            .help(format!("a scene is {kinds}"));
+    }
     let nearest = camrig_base::toml_text::nearest(name, chart::NAMES.iter().copied());
     Error::input(format!("unknown scene {spec:?}; did you mean {nearest}?")).help(format!(
-        "use a chart ({}), a spectral cube (.npy, .npz, .hdr, .mat, .h5, .exr, .tif), a picture \
-         (.png, .jpg, .tif, .exr, .hdr), a folder of pictures, one per band, or a scene \
-         directory; a sequence is a folder of these, or video (.y4m, - for standard input)",
+        "use a chart ({}), {kinds}, a folder of pictures, one per band, or a scene directory; a \
+         sequence is a folder of these, or video (.y4m, - for standard input)",
         chart::NAMES.join(", ")
     ))
 }

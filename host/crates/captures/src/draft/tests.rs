@@ -147,6 +147,20 @@ fn pairs_are_separated_by_their_level() {
     }
 }
 
+/// The means of darks wander by more than half a per cent of their own range.
+#[test]
+fn darks_alone_are_one_stack() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for n in 0..6 {
+        let frame = vec![plane(200 + n % 3, n)];
+        let name = format!("dark_{n:03}.fits");
+        put(folder, &name, &Format::Fits, frame, Facts::default());
+    }
+    let draft = draft(folder, &Known::default());
+    assert_eq!(draft.count(), [1, 6], "{}", draft.text(&[]));
+}
+
 #[test]
 fn bias_frames_sidecars_and_edges() {
     let folder = tempfile::tempdir().unwrap();

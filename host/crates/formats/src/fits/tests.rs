@@ -42,6 +42,39 @@ fn refused(bytes: &[u8]) -> String {
     decode(bytes).unwrap_err().to_string()
 }
 
+/// The keywords that Siril, N.I.N.A. and others read: pattern, order of rows, pitch and gain.
+#[test]
+fn keywords_of_camera_programs_are_written() {
+    let frame = camrig_base::RawFrame {
+        width: 3,
+        height: 2,
+        bits: 12,
+        cfa: Cfa::parse("GBRG").unwrap(),
+        black_level_dn: 64.0,
+        white_level_dn: 4095,
+        data: vec![64; 6],
+    };
+    let mut frames = Frames::from_raw(&frame);
+    let info = crate::DngInfo { iso: Some(250), pitch_um: Some(1.12), ..Default::default() };
+    frames.facts.dng = Some(info);
+    let bytes = encode(&frames).unwrap();
+    for card in [
+        "BAYERPAT= 'GBRG    '",
+        "ROWORDER= 'TOP-DOWN'",
+        "XPIXSZ  =                 1.12 ",
+        "YPIXSZ  =                 1.12 ",
+        "GAIN    =                  2.5 ",
+    ] {
+        assert!(bytes.chunks(CARD).any(|found| found.starts_with(card.as_bytes())), "{card}");
+    }
+    let facts = decode(&bytes).unwrap().facts;
+    assert_eq!(facts.taken.pitch_um, Some(Said::new(1.12, "FITS XPIXSZ")));
+    assert!(facts.notes.is_empty(), "{:?}", facts.notes);
+    frames.facts.cfa = Cfa::parse("mono").ok();
+    let bytes = encode(&frames).unwrap();
+    assert!(!bytes.chunks(CARD).any(|found| found.starts_with(b"BAYERPAT")));
+}
+
 #[test]
 fn integers_and_floats_of_any_size_are_read() {
     for (bitpix, data) in [

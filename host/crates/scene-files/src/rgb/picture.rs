@@ -1,7 +1,8 @@
 //! A picture as its file has it: samples, and what the file says of their colours and light.
 
 use camrig_base::{Error, Result};
-use camrig_light::colour::space::Space;
+use camrig_light::colour::space::{Chromaticities, Space};
+use camrig_light::colour::transfer::Transfer;
 use std::path::Path;
 
 /// Most pixels of a picture: with the spectra's places 3.5 GiB of memory.
@@ -35,6 +36,18 @@ pub enum Said {
     Unknown(String),
     /// Something that must not be passed over.
     Refused(Error),
+}
+
+impl Said {
+    /// Linear colours of the chromaticities that `by` states of red, green, blue and white. Zeros,
+    /// which ImageMagick writes where it knows none, are no statement.
+    pub fn of_linear(by: &str, primaries: &Chromaticities) -> Self {
+        if primaries.as_flattened().iter().all(|v| *v == 0.0) {
+            return Self::Unknown(format!("{by} of zeros alone"));
+        }
+        let space = Space::of(&format!("{by}, linear"), primaries, Transfer::Linear);
+        space.map_or_else(|error| Self::Refused(error.at(by)), Self::Space)
+    }
 }
 
 /// A decoded picture.

@@ -11,16 +11,18 @@ use ::exr::meta::header::Header;
 use ::exr::prelude::{MetaData, Vec2};
 use camrig_base::{Error, Result};
 use camrig_light::colour::space::{Chromaticities, Space};
-use camrig_light::colour::transfer::Transfer;
 use std::path::Path;
 
 /// Names of the channels of a picture, in order of preference.
 const CHANNELS: [&[&str]; 3] = [&["R", "G", "B"], &["X", "Y", "Z"], &["Y"]];
 /// Names of layers with the picture itself, in order of preference.
-const PREFERRED: [&str; 4] = ["", "combined", "beauty", "rgba"];
-/// Names of layers in which X, Y and Z are directions or places, and no colours.
-const DIRECTIONS: [&str; 8] =
-    ["n", "normal", "normals", "p", "position", "vector", "vec", "motion"];
+const PREFERRED: [&str; 10] =
+    ["", "combined", "composite", "beauty", "rgba", "rgb", "c", "ci", "color", "colour"];
+/// Beginnings and whole names of layers and parts that hold directions or places, and no light,
+/// in small letters.
+const DIRECTIONS: [&str; 7] =
+    ["normal", "position", "vector", "motion", "velocity", "tangent", "worldnormal"];
+const SHORT_DIRECTIONS: [&str; 8] = ["n", "ng", "ns", "p", "pref", "vec", "uv", "st"];
 /// The chromaticities that mean CIE XYZ.
 const XYZ: [[f32; 2]; 3] = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]];
 
@@ -58,11 +60,15 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
         return Err(Error::unsupported("a picture of luminance and chroma (Y, RY, BY)")
             .help("convert it to R, G and B"));
     }
+    let tie = pictures.iter().filter(|f| f.rank == pictures[0].rank).count() > 1;
+    if tie && wanted.is_none() && pictures[0].rank.1 == PREFERRED.len() {
+        return Err(Error::input("several pictures, none of which is named as the image")
+            .help(format!("choose one by array=NAME: {}", names_of(&pictures))));
+    }
     let named = |f: &Found| wanted.is_none_or(|wanted| f.place == wanted);
     let Some(chosen) = pictures.iter().position(named) else {
-        let all: Vec<String> = pictures.iter().map(|f| format!("{:?}", f.place)).collect();
         return Err(Error::input(format!("no picture in a layer or part {wanted:?}"))
-            .help(format!("the layers with pictures are {}", all.join(", "))));
+            .help(format!("the layers with pictures are {}", names_of(&pictures))));
     };
     let chosen = pictures.remove(chosen);
     let header = &meta.headers[chosen.part];
@@ -99,12 +105,16 @@ pub fn read(path: &Path, wanted: Option<&str>) -> Result<Picture> {
     Ok(Picture {
         size,
         samples: Samples::Floats(data),
-        said: said(header, chosen.names)?,
+        said: said(header, chosen.names),
         orientation: 1,
         white_luminance,
         understood,
         notes,
     })
+}
+
+fn names_of(pictures: &[Found]) -> String {
+    pictures.iter().map(|f| format!("{:?}", f.place)).collect::<Vec<_>>().join(", ")
 }
 
 /// All pictures of a file, the likeliest first.
@@ -131,11 +141,13 @@ fn found(meta: &MetaData) -> Vec<Found> {
                 ("", Some(part)) => part,
                 _ => layer.to_string(),
             };
+            if is_direction(layer) || part_name(header).is_some_and(|part| is_direction(&part)) {
+                continue;
+            }
             let word = place.rsplit('.').next().unwrap_or("").to_lowercase();
-            let colours = !DIRECTIONS.contains(&&*word);
             let alone = layer.is_empty() && meta.headers.len() == 1;
             let preferred = PREFERRED.iter().position(|name| alone || *name == word);
-            let kinds = CHANNELS.iter().enumerate().take(if colours { CHANNELS.len() } else { 1 });
+            let kinds = CHANNELS.iter().enumerate();
             let picture = kinds.filter(|_| !chroma).find_map(|(kind, names)| {
                 let channels = names.iter().map(|name| at(&full(name))).collect::<Option<_>>()?;
                 let rank = (kind, preferred.unwrap_or(PREFERRED.len()));
@@ -148,18 +160,23 @@ fn found(meta: &MetaData) -> Vec<Found> {
     pictures
 }
 
-fn said(header: &Header, names: &[&str]) -> Result<Said> {
+/// Whether a layer or part holds directions or places by its name.
+fn is_direction(name: &str) -> bool {
+    let word = name.rsplit('.').next().unwrap_or(name).to_lowercase();
+    SHORT_DIRECTIONS.contains(&&*word) || DIRECTIONS.iter().any(|start| word.starts_with(start))
+}
+
+fn said(header: &Header, names: &[&str]) -> Said {
     let own = header.shared_attributes.chromaticities;
     let pair = |v: Vec2<f32>| [v.0, v.1];
     let xyz = own.is_some_and(|c| [c.red, c.green, c.blue].map(pair) == XYZ);
     if names == CHANNELS[1] || xyz {
-        return Ok(Said::Space(Space::xyz()));
+        return Said::Space(Space::xyz());
     }
-    let Some(c) = own else { return Ok(Said::Nothing) };
+    let Some(c) = own else { return Said::Nothing };
     let primaries: Chromaticities =
         [c.red, c.green, c.blue, c.white].map(|v| pair(v).map(f64::from));
-    let name = "its attribute chromaticities, linear";
-    Ok(Said::Space(Space::of(name, &primaries, Transfer::Linear)?))
+    Said::of_linear("its attribute chromaticities", &primaries)
 }
 
 fn unused(header: &Header, chosen: &Found, others: &[Found]) -> Vec<String> {

@@ -7,11 +7,8 @@
 use super::picture::{Picture, Said, Samples, check_size, check_square};
 use camrig_base::{Error, Result};
 use camrig_light::colour::space::Space;
-use camrig_light::colour::transfer::Transfer;
 use image::ImageDecoder;
 use image::codecs::hdr::{HdrDecoder, HdrMetadata};
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 /// First bytes of the format.
@@ -25,8 +22,7 @@ const UPRIGHT: [&str; 2] = ["-Y", "+X"];
 
 /// Whether a file is a Radiance picture; ENVI's headers have the same ending.
 pub fn is_picture(path: &Path) -> bool {
-    let mut start = [0; MAGIC.len()];
-    File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok()) && start == MAGIC
+    crate::starts_with(path, MAGIC)
 }
 
 pub fn read(path: &Path) -> Result<Picture> {
@@ -124,5 +120,5 @@ fn said(about: &HdrMetadata) -> Result<Said> {
         return Err(Error::input(format!("PRIMARIES of {line:?}")).help("they are eight numbers"));
     };
     let primaries = [[rx, ry], [gx, gy], [bx, by], [x, y]];
-    Ok(Said::Space(Space::of("its line PRIMARIES, linear", &primaries, Transfer::Linear)?))
+    Ok(Said::of_linear("its line PRIMARIES", &primaries))
 }

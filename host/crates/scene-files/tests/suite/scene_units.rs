@@ -195,6 +195,99 @@ fn the_layer_with_the_picture_is_found_and_the_others_are_named() {
     assert!(error.contains("render.exr") && !error.contains("render.toml"), "{error}");
 }
 
+/// Parts hold layers, too (Houdini): directions are no pictures, and none is taken by its place in
+/// the alphabet.
+#[test]
+fn a_part_is_a_layer() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("parts.exr");
+    let write = |parts: &[(&str, f32)]| {
+        let layer = |(name, value): &(&str, f32)| {
+            let channels = ["B", "G", "R"];
+            let channels =
+                channels.map(|c| AnyChannel::new(c, FlatSamples::F32(vec![*value]))).to_vec();
+            let channels = AnyChannels::sort(channels.into());
+            let attributes = LayerAttributes::named(*name);
+            Layer::new((1, 1), attributes, Encoding::UNCOMPRESSED, channels)
+        };
+        let layers: Vec<_> = parts.iter().map(layer).collect();
+        let attributes = ImageAttributes::with_size((1, 1));
+        Image::from_layers(attributes, layers).write().to_file(&path).unwrap();
+    };
+    for (parts, options, value) in [
+        (vec![("N", 0.9), ("albedo", 0.7), ("C", 0.2)], "", 0.2),
+        (vec![("albedo", 0.7), ("emission", 0.1), ("color", 0.2)], "", 0.2),
+        (vec![("Normal_world", 0.9), ("scene", 0.2)], "", 0.2),
+        (vec![("albedo", 0.7), ("emission", 0.2)], ",array=emission", 0.2),
+    ] {
+        write(&parts);
+        let found = opened(&path, &format!("as=reflectance{options}")).band(15).unwrap().data[0];
+        assert!((found / value - 1.0).abs() < 4e-3, "{parts:?}: {found}");
+    }
+    write(&[("albedo", 0.7), ("emission", 0.2)]);
+    let error = refused(&path, "as=reflectance");
+    assert!(error.contains("array=NAME") && error.contains("\"emission\""), "{error}");
+    write(&[("N", 0.7), ("P", 0.2)]);
+    assert!(!refused(&path, "as=reflectance").is_empty());
+}
+
+/// Mitsuba 3's specfilm names channels by the user's keys: with wavelengths given, they are the
+/// bands in natural order, without the colours beside them.
+#[test]
+fn channels_of_any_names_are_bands_where_wavelengths_are_given() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("film.exr");
+    exr(&path, &[("band10_x", 3.0), ("band2_x", 2.0), ("band1_x", 1.0), ("R", 9.0)], None);
+    let cube = opened(&path, "start_nm=400,step_nm=150,quantity=radiance");
+    assert_eq!(cube.quantity(), Quantity::Radiance);
+    for (band, value) in [(0, 1.0), (15, 2.0), (30, 3.0)] {
+        assert_eq!(cube.band(band).unwrap().data[0], value);
+    }
+    assert!(notes(&cube).contains("not used: R"), "{}", notes(&cube));
+    assert!(refused(&path, "wavelength_nm=[400,500]").contains("3"));
+}
+
+/// ImageMagick writes eight zeros where it knows no primaries.
+#[test]
+fn primaries_of_zeros_say_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("im.hdr");
+    let write = |primaries: &str| {
+        let head = format!("#?RADIANCE\nPRIMARIES={primaries}\nFORMAT=32-bit_rle_rgbe\n\n");
+        let pixel = [128, 64, 32, 128];
+        std::fs::write(&path, [head.as_bytes(), b"-Y 1 +X 1\n", &pixel].concat()).unwrap();
+    };
+    write("0.0 0 0 0 0 0 0 0");
+    let cube = opened(&path, "");
+    assert!(notes(&cube).contains("PRIMARIES of zeros"), "{}", notes(&cube));
+    assert!(!notes(&opened(&path, "primaries=srgb")).contains("zeros"));
+    write("0.3 0.3 0.3 0.3 0.3 0.3 0.3 0.3");
+    assert!(refused(&path, "").contains("span no colours"));
+    opened(&path, "primaries=rec2020");
+}
+
+/// ENVI's own programs name a cube by its data file; a spectral library is no scene.
+#[test]
+fn the_header_beside_a_data_file_is_taken() {
+    let dir = tempfile::tempdir().unwrap();
+    let (image, header) = (dir.path().join("cube.img"), dir.path().join("cube.img.hdr"));
+    let write = |kind: &str| {
+        let text = format!(
+            "ENVI\nsamples = 1\nlines = 1\nbands = 2\ndata type = 1\nfile type = {kind}\n\
+             wavelength units = nm\nwavelength = {{400, 700}}\n"
+        );
+        std::fs::write(&header, text).unwrap();
+    };
+    std::fs::write(&image, [1, 0]).unwrap();
+    std::fs::write(dir.path().join("cube.dat"), [7, 7]).unwrap();
+    assert!(refused(&image, "").contains("is a file of a kind that is no scene"));
+    write("ENVI Standard");
+    let cube = opened(&image, "");
+    assert_eq!([0, 30].map(|band| cube.band(band).unwrap().data[0]), [1.0, 0.0]);
+    write("ENVI Spectral Library");
+    assert!(refused(&image, "").contains("spectral library"), "{}", refused(&image, ""));
+}
+
 /// Pixels of 128/256 times 2, behind headers of other pictures that programs of Radiance repeat.
 #[test]
 fn lines_of_a_radiance_picture_count_in_the_first_column() {
