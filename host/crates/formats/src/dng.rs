@@ -6,7 +6,7 @@
 //! only in an Exif IFD, are common. Samples are stored as uncompressed 16-bit words.
 
 use super::cfa_codes::color_code;
-use super::dng_info::{CARRIED, DngInfo, UNSIGNED, black_levels};
+use super::dng_info::{CARRIED, DngInfo, black_levels};
 use super::opcodes;
 use super::{Facts, check_range, preview};
 use camrig_base::{Error, RawFrame, Result};
@@ -16,6 +16,8 @@ use tiff::encoder::{
 };
 use tiff::tags::Tag;
 
+/// The fields of [`CARRIED`] that are unsigned fractions; the others are signed.
+const UNSIGNED: [u16; 6] = [50727, 50729, 50731, 50732, 50734, 50739];
 /// Longest side of the thumbnail, pixels: enough for a file browser, at most 197 kB in the file.
 const THUMBNAIL: usize = 256;
 /// Bytes that dcraw reads of a description, whatever its length; it fails where the file ends

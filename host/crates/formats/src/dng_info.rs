@@ -5,7 +5,7 @@ use camrig_base::RawFrame;
 use std::collections::BTreeMap;
 
 /// Fields of the main directory that belong to the colour matrices or to the exposure, which a
-/// copy keeps: signed fractions, except for those of [`UNSIGNED`].
+/// copy keeps.
 pub(super) const CARRIED: [u16; 11] = [
     50723, // CameraCalibration1
     50724, // CameraCalibration2
@@ -19,9 +19,6 @@ pub(super) const CARRIED: [u16; 11] = [
     50964, // ForwardMatrix1
     50965, // ForwardMatrix2
 ];
-/// The fields of [`CARRIED`] that are unsigned fractions.
-pub(super) const UNSIGNED: [u16; 6] = [50727, 50729, 50731, 50732, 50734, 50739];
-
 /// CIE illuminant D65 in DNG's (Exif LightSource) numbering.
 pub(super) const ILLUMINANT_D65: u16 = 21;
 

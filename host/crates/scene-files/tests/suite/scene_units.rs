@@ -244,7 +244,9 @@ fn channels_of_any_names_are_bands_where_wavelengths_are_given() {
         assert_eq!(cube.band(band).unwrap().data[0], value);
     }
     assert!(notes(&cube).contains("not used: R"), "{}", notes(&cube));
-    assert!(refused(&path, "wavelength_nm=[400,500]").contains("3"));
+    std::fs::write(path.with_extension("toml"), "wavelength_nm = [400, 500]").unwrap();
+    let error = refused(&path, "");
+    assert!(error.contains("3 bands") || error.contains("2 wavelengths"), "{error}");
 }
 
 /// ImageMagick writes eight zeros where it knows no primaries.
