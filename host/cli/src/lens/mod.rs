@@ -374,10 +374,18 @@ fn trace_over_places(args: &TraceArgs, system: &System, wavelengths: &[f64]) -> 
     };
     let map = field::Map::of(system)?;
     let points = field::points(system, &map, &fields, wavelengths)?;
+    let line = points.iter().any(|p| p.relative_illumination.is_nan()).then_some(
+        "relative illumination is undefined: the image of a point is a line, as rays are parallel \
+         in one plane",
+    );
+    line.iter().for_each(|note| eprintln!("note: {note}"));
     if args.json {
         let mut object = figures(system);
         object["efl_x_mm"] = system.efl_x_mm()?.into();
         object["map"] = map_json(&map);
+        if let (Some(note), Some(notes)) = (line, object["notes"].as_array_mut()) {
+            notes.push(note.into());
+        }
         object["points"] = points.iter().map(|p| place_json(p, &map)).collect();
         println!("{object}");
     } else {

@@ -185,7 +185,7 @@ pub(super) fn print_places(system: &System, map: &field::Map, points: &[field::P
     );
     for p in points {
         println!(
-            "{:>9.3} {:>9.3} {:>8.1} {:>12.6} {:>12.6} {:>10.5} {:>10.5} {:>9.6} {:>9.4} % \
+            "{:>9.3} {:>9.3} {:>8.1} {:>12.6} {:>12.6} {:>10.5} {:>10.5} {:>9} {:>9.4} % \
              {:>11.6}",
             p.field_deg[0],
             p.field_deg[1],
@@ -194,7 +194,10 @@ pub(super) fn print_places(system: &System, map: &field::Map, points: &[field::P
             p.chief_mm[1],
             p.cra_deg[0],
             p.cra_deg[1],
-            p.relative_illumination,
+            match p.relative_illumination.is_nan() {
+                true => "-".into(),
+                false => format!("{:.6}", p.relative_illumination),
+            },
             p.distortion_percent(map.middle_mm),
             p.spot_rms_mm
         );

@@ -13,10 +13,6 @@ use camrig_optics::{Characterisation, PsfGrid};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Azimuths over half of the pupil's outline. The inscribed polygon's area is too small by
-/// (π/255)²/6 = 2.5e-5 of itself; the ratio to the area on the axis errs by the difference of two
-/// such errors.
-const AZIMUTHS: usize = 256;
 /// Cells across the pupil for the wavefront error and spot size of a field point: the rim's cells,
 /// where the wavefront is steepest, then hold 3 % of the light.
 const WAVEFRONT_CELLS: usize = 128;
@@ -140,16 +136,11 @@ impl AxisTrain {
         let train = system.at(nm)?;
         let axis = Beam::aim(&train, 0.0)?;
         axis.check_rim()?;
-        let outline = outline_of(&axis)?;
+        let outline = axis.fine_outline()?;
         let axis_sr = outline.projected_solid_angle();
         let sensor_sr = axis.solid_angle_from_sensor(&outline);
         Ok(Self { train, axis_sr, sensor_sr })
     }
-}
-
-/// The pupil's outline, fine enough for figures.
-fn outline_of(beam: &Beam) -> Result<Outline> {
-    beam.outline(AZIMUTHS)?.resolved(&|| beam.place())
 }
 
 /// A beam with its outline.
@@ -163,7 +154,7 @@ struct Aimed<'a> {
 impl<'a> Aimed<'a> {
     fn new(system: &'a System, train: &'a AxisTrain, field_deg: f64) -> Result<Self> {
         let beam = Beam::aim(&train.train, field_deg)?;
-        let outline = outline_of(&beam)?;
+        let outline = beam.fine_outline()?;
         Ok(Self { system, train, beam, outline })
     }
 
@@ -386,13 +377,14 @@ pub fn characterise(
     let lens = Characterisation {
         name: system.prescription.name.clone(),
         source: format!("traced by camrig {}", env!("CARGO_PKG_VERSION")),
-        efl_mm: system.paraxial.efl_mm.abs(),
+        efl_mm: system.paraxial.front_efl_mm().abs(),
         f_number: system.f_number(),
         magnification: system.paraxial.magnification.abs(),
         pupil_magnification: system.paraxial.pupil_magnification(),
         axis_solid_angle_sr: Some(axis.sensor_sr),
         stop_radius_mm: Some(system.stop_radius_mm),
-        transmittance: Spectrum::constant(1.0),
+        // Of light that comes from another medium, radiance over n² stays the same.
+        transmittance: Spectrum::constant(system.paraxial.object_index.powi(-2)),
         wavelengths_nm: plan.wavelengths_nm.clone(),
         heights_mm: heights,
         real_height_mm: points.iter().map(|p| p.chief_ray_height_mm).collect(),
@@ -461,7 +453,7 @@ pub fn landing_places(
     let chief = [beam.chief.position[0][0], beam.chief.position[1][0]];
     let mut places = vec![chief];
     if across > 0 {
-        let outline = outline_of(&beam)?;
+        let outline = beam.fine_outline()?;
         for ray in PupilSamples::trace(&beam, &outline, across).rays {
             places.push([chief[0] + ray.landing[0], chief[1] + ray.landing[1]]);
             places.push([chief[0] - ray.landing[0], chief[1] + ray.landing[1]]);

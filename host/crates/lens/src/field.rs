@@ -31,6 +31,9 @@ use std::f64::consts::TAU;
 const AZIMUTHS: usize = 512;
 /// Rays along each azimuth for the size of the spot.
 const RINGS: usize = 32;
+/// Projected solid angle, sr, below which rays run parallel in a plane and make a line of a point:
+/// rounding of direction cosines leaves 1e-16 of it.
+const LEAST_SR: f64 = 1e-12;
 /// Tangent of the field angles from whose chief rays the linear map is taken: the map's own
 /// curvature then errs by some 1e-8 of a length.
 const NEAR: f64 = 1e-4;
@@ -49,7 +52,7 @@ pub struct Point {
     /// Where the linear map of the field's middle puts it, mm.
     pub linear_mm: [f64; 2],
     /// Projected solid angle of the clipped pupil seen from the image point over that at the field
-    /// point (0, 0).
+    /// point (0, 0); NaN where the image is a line, the solid angle being 0.
     pub relative_illumination: f64,
     /// Projected solid angle of the pupil seen from the image point, sr.
     pub projected_solid_angle_sr: f64,
@@ -162,10 +165,23 @@ fn point(train: &Train, map: &Map, field_deg: [f64; 2], middle_sr: f64) -> Resul
         chief_mm: beam.landing(),
         cra_deg: [0, 1].map(|k| libm::atan2(d[k], d[2].abs()).to_degrees()),
         linear_mm: map.place(tangents),
-        relative_illumination: solid_angle / middle_sr,
+        relative_illumination: if middle_sr < LEAST_SR {
+            f64::NAN
+        } else {
+            solid_angle / middle_sr
+        },
         projected_solid_angle_sr: solid_angle,
         spot_rms_mm: beam.spot_rms_mm(&outline),
     })
+}
+
+/// Checks that light from a field, degrees, arrives.
+///
+/// # Errors
+/// Where its chief ray or all of its light is lost.
+pub(super) fn check(train: &Train, field_deg: [f64; 2]) -> Result<()> {
+    let tangents = field_deg.map(|deg| libm::tan(deg.to_radians()));
+    Beam::aim(train, tangents)?.outline().map(|_| ())
 }
 
 /// Where rays of a field point start, and where to.
@@ -177,6 +193,8 @@ struct Launcher {
     /// For a finite object: the place that rays are launched around, in x and y, and its distance
     /// from the object point.
     object: Option<([f64; 2], f64)>,
+    /// Index of the object's medium.
+    index: f64,
 }
 
 impl Launcher {
@@ -210,7 +228,7 @@ impl Launcher {
             along[2] * x[0] - along[0] * x[2],
             along[0] * x[1] - along[1] * x[0],
         ];
-        Ok(Self { along, across: [x, y], pupil_z, object })
+        Ok(Self { along, across: [x, y], pupil_z, object, index: train.paraxial.object_index })
     }
 
     /// The ray through a place (px, py) in the plane across the beam through the pupil's middle,
@@ -228,7 +246,7 @@ impl Launcher {
                 Start {
                     position: from(centre),
                     direction: aim.map(|v| v / length),
-                    path: (px * px + py * py) / (length + far),
+                    path: self.index * (px * px + py * py) / (length + far),
                 }
             }
         }

@@ -9,8 +9,10 @@ use camrig_base::{Error, Result};
 /// said.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Paraxial {
-    /// Effective focal length in air.
+    /// Effective focal length on the image's side, in air.
     pub efl_mm: f64,
+    /// Index of the medium that the object lies in.
+    pub object_index: f64,
     /// From the last vertex to the paraxial focus of an object at infinity.
     pub bfl_mm: f64,
     /// From the last vertex to the paraxial image of the actual object.
@@ -114,11 +116,12 @@ impl Paraxial {
             return Err(Error::unsupported("the lens has no focal length (it is afocal)")
                 .help("only lenses that form an image are traced"));
         }
+        let n = surfaces.first().map_or(1.0, |s| s.before);
         let (image_distance_mm, magnification) = match object {
             Object::Infinity => (whole.a / power * index, 0.0),
             Object::Distance(d) => {
-                let slope = whole.c * d + whole.d;
-                let height = whole.a * d + whole.b;
+                let slope = whole.c * d / n + whole.d;
+                let height = whole.a * d / n + whole.b;
                 if slope.abs() < AT_FOCUS {
                     return Err(Error::input(format!(
                         "the object at {d} mm is in the front focus"
@@ -130,7 +133,7 @@ impl Paraxial {
         };
         let telecentric = telecentric || front.a.abs() < TELECENTRIC;
         let (entrance_z_mm, entrance_magnification) = match (telecentric, object) {
-            (false, _) => (front.b / front.a, 1.0 / front.a),
+            (false, _) => (n * front.b / front.a, 1.0 / front.a),
             (true, Object::Infinity) => {
                 return Err(Error::unsupported(
                     "the entrance pupil and the object are both at infinity (telecentric in \
@@ -139,12 +142,13 @@ impl Paraxial {
                 .help("such a lens needs an object distance"));
             }
             (true, Object::Distance(d)) => {
-                let to_principal = (1.0 - 1.0 / magnification) / power;
-                (to_principal - d, to_principal / (front.a * d + front.b))
+                let to_principal = n * (1.0 - 1.0 / magnification) / power;
+                (to_principal - d, to_principal / (front.a * d + n * front.b))
             }
         };
         Ok(Self {
             efl_mm: 1.0 / power,
+            object_index: n,
             bfl_mm: whole.a / power * index,
             image_distance_mm,
             magnification,
@@ -154,6 +158,12 @@ impl Paraxial {
             exit_magnification: 1.0 / rear.d,
             telecentric,
         })
+    }
+
+    /// Focal length on the object's side, in its medium, mm: what makes image heights of angles.
+    #[must_use]
+    pub fn front_efl_mm(&self) -> f64 {
+        self.object_index * self.efl_mm
     }
 
     /// Diameter of the exit pupil over that of the entrance pupil; 1 for a telecentric lens, with
@@ -184,7 +194,7 @@ pub(super) fn stop_radius(paraxial: &Paraxial, prescription: &Prescription) -> R
     // Slope in the image of a ray through the axial object point, per unit of pupil radius.
     let image_slope_per_radius = match prescription.object {
         Object::Infinity => 1.0 / p.efl_mm,
-        Object::Distance(d) => 1.0 / ((d + p.entrance_z_mm) * p.magnification),
+        Object::Distance(d) => p.object_index / ((d + p.entrance_z_mm) * p.magnification),
     }
     .abs();
     let pupil_radius = match prescription.aperture {
@@ -201,7 +211,7 @@ pub(super) fn stop_radius(paraxial: &Paraxial, prescription: &Prescription) -> R
         Aperture::WorkingFNumber(n) => 0.5 / n / image_slope_per_radius,
         Aperture::ImageNa(na) => slope_of_na(na) / image_slope_per_radius,
         Aperture::ObjectNa(na) => match prescription.object {
-            Object::Distance(d) => (d + p.entrance_z_mm).abs() * slope_of_na(na),
+            Object::Distance(d) => (d + p.entrance_z_mm).abs() * slope_of_na(na / p.object_index),
             Object::Infinity => {
                 return Err(Error::input(
                     "an object-side aperture needs an object at finite distance",

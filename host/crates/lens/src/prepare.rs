@@ -3,17 +3,22 @@
 
 use super::System;
 use super::best_focus;
+use super::field;
 use super::fold;
 use super::paraxial::{self, Paraxial};
-use super::prescription::{Clip, Conditions, FieldKind, Focus, Medium, Object, Prescription};
+use super::prescription::{Clip, Conditions, FieldKind, Focus, Object, Prescription};
 use super::pupil::Beam;
 use super::system::{away_from_lens, finite, move_sensor, paraxial_of, surfaces_at};
 use super::trace::TrainSurface;
+use super::train::{FieldPupil, Train};
 use camrig_base::{Error, ErrorCode, Result};
 
 /// Width of a point's spot over that of the exit pupil from which on a sensor is reported as far
 /// out of focus. Chosen: a camera focused at infinity sees an object at ten focal lengths so.
 const WIDEST_SPOT: f64 = 0.1;
+/// Relative difference of light up to which apertures cut as vignetting factors say: they cut
+/// segments off a pupil, factors make an ellipse of it.
+const SAME_LIGHT: f64 = 0.1;
 /// Relative difference of stop radii from which on they are not one.
 const SAME_STOP: f64 = 1e-6;
 
@@ -61,13 +66,24 @@ impl System {
             prescription.notes.extend(note);
         }
         let entrance_pupil_mm = 2.0 * stop_radius_mm * paraxial.entrance_magnification.abs();
-        let mut system = Self { prescription, paraxial, stop_radius_mm, entrance_pupil_mm };
-        system.clear_apertures_from_vignetting()?;
+        let vignetted = Vec::new();
+        let mut system =
+            Self { prescription, paraxial, stop_radius_mm, entrance_pupil_mm, vignetted };
+        system.keep_reachable_fields()?;
+        system.apply_vignetting()?;
         if let Focus::BestMtf(per_mm) = conditions.focus {
             system.focus_by_mtf(per_mm)?;
             move_sensor(&mut system.prescription, conditions.sensor_shift_mm)?;
         }
         system.tell_of_no_image();
+        if let Some(glass) = &system.prescription.object_glass {
+            let note = format!(
+                "the object lies in {}: angles of fields are those in it, and the focal length is \
+                 that on the image's side, in air",
+                glass.name
+            );
+            system.prescription.notes.push(note);
+        }
         Ok(system)
     }
 
@@ -103,10 +119,50 @@ impl System {
         Ok(())
     }
 
-    /// Derives clear apertures where a file gives vignetting factors instead: as in CODE V, every
+    /// Leaves out design fields from which no light arrives, with a note, as long as others remain.
+    fn keep_reachable_fields(&mut self) -> Result<()> {
+        let fields = &self.prescription.fields;
+        let trains: Result<Vec<Train>> =
+            self.prescription.wavelengths_nm.iter().map(|nm| self.at(*nm)).collect();
+        let trains = trains?;
+        let check = |i: usize, train: &Train| -> Result<()> {
+            match self.prescription.asymmetry() {
+                Some(_) => field::check(train, self.field_places_deg()?[i]),
+                None => {
+                    let beam = Beam::aim(train, self.field_deg(fields.values[i])?)?;
+                    beam.fine_outline().map(|_| ())
+                }
+            }
+        };
+        let lost = |i: usize| trains.iter().find_map(|train| check(i, train).err());
+        let lost: Vec<Option<Error>> = (0..fields.values.len()).map(lost).collect();
+        if lost.iter().all(Option::is_some) {
+            return Ok(());
+        }
+        let unit = if fields.kind == FieldKind::Angle { "°" } else { " mm" };
+        let mut notes = Vec::new();
+        for (value, error) in fields.values.iter().zip(&lost) {
+            if let Some(error) = error {
+                let why = error.to_string();
+                let why = why.lines().next().unwrap_or_default();
+                notes.push(format!(
+                    "the field {value}{unit} is left out, since no light of it arrives: {why}"
+                ));
+            }
+        }
+        let fields = &mut self.prescription.fields;
+        keep(&mut fields.values, &lost);
+        keep(&mut fields.places, &lost);
+        keep(&mut fields.vignetting, &lost);
+        self.prescription.notes.extend(notes);
+        Ok(())
+    }
+
+    /// Applies vignetting factors. As in OpticStudio the pupil is an ellipse, or as in CODE V every
     /// surface gets the smallest aperture that passes the reference rays (upper, lower and side
-    /// rims of each field's vignetted pupil, at every design wavelength).
-    fn clear_apertures_from_vignetting(&mut self) -> Result<()> {
+    /// rims of each field's vignetted pupil, at every design wavelength). Where such apertures cut
+    /// other light than the factors say, as behind a stop in front, the pupil is the ellipse too.
+    fn apply_vignetting(&mut self) -> Result<()> {
         let p = &self.prescription;
         if !p.fields.vignetting.iter().flatten().any(|v| *v != 0.0) {
             return Ok(());
@@ -123,9 +179,30 @@ impl System {
             self.prescription.notes.push(note);
             return Ok(());
         }
-        let mut radii = vec![0.0_f64; p.surfaces.len()];
         let fields = self.fields_deg()?;
-        for nm in &p.wavelengths_nm {
+        let bounded = Self { vignetted: self.vignetted_pupils(&fields), ..self.clone() };
+        let cut = (!p.fields.elliptical).then(|| self.with_apertures_of_rims(&fields));
+        let follows = |cut: &Self| cut.passes_as(&bounded, &fields).unwrap_or(false);
+        let note = match cut.and_then(Result::ok).filter(follows) {
+            Some(cut) => {
+                *self = cut;
+                "clear apertures follow from the vignetting factors (the file gives no apertures)"
+            }
+            None => {
+                *self = bounded;
+                "vignetting factors make an ellipse of the pupil at each field (the file gives no \
+                 apertures)"
+            }
+        };
+        self.prescription.notes.push(note.into());
+        Ok(())
+    }
+
+    /// The lens with the smallest apertures that pass the rims of its vignetted pupils.
+    fn with_apertures_of_rims(&self, fields: &[f64]) -> Result<Self> {
+        let mut cut = self.clone();
+        let mut radii = vec![0.0_f64; self.prescription.surfaces.len()];
+        for nm in &self.prescription.wavelengths_nm {
             let train = self.at(*nm)?;
             for (i, deg) in fields.iter().enumerate() {
                 let beam = Beam::aim(&train, *deg)?;
@@ -135,18 +212,42 @@ impl System {
                 }
             }
         }
-        let stop = p.stop;
-        for (i, (surface, radius)) in self.prescription.surfaces.iter_mut().zip(radii).enumerate()
-        {
+        let stop = self.prescription.stop;
+        for (i, (surface, radius)) in cut.prescription.surfaces.iter_mut().zip(radii).enumerate() {
             if i != stop && radius > 0.0 {
                 surface.clips.push(Clip::circle(radius));
             }
         }
-        self.prescription.notes.push(
-            "clear apertures follow from the vignetting factors (the file gives no apertures)"
-                .into(),
-        );
-        Ok(())
+        Ok(cut)
+    }
+
+    /// Whether as much light of all fields arrives as in another lens.
+    fn passes_as(&self, other: &Self, fields: &[f64]) -> Result<bool> {
+        let reference_nm = self.prescription.reference_nm;
+        let (here, there) = (self.at(reference_nm)?, other.at(reference_nm)?);
+        for deg in fields {
+            let light = |train: &Train| -> Result<f64> {
+                Ok(Beam::aim(train, *deg)?.fine_outline()?.projected_solid_angle())
+            };
+            if (light(&here)? / light(&there)? - 1.0).abs() > SAME_LIGHT {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// The ellipses that vignetting factors leave of the pupil, by rising field.
+    fn vignetted_pupils(&self, fields: &[f64]) -> Vec<FieldPupil> {
+        let pupil = |(i, deg): (usize, &f64)| {
+            let [_, right, left, upper, lower] = self.rim_of_vignetted_pupil(i);
+            let half =
+                |k: usize| libm::hypot(0.5 * (right[k] - left[k]), 0.5 * (upper[k] - lower[k]));
+            let centre = 0.5 * (right[1] + left[1] + upper[1] + lower[1]);
+            FieldPupil { field_deg: *deg, half: [half(0), half(1)], centre }
+        };
+        let mut pupils: Vec<FieldPupil> = fields.iter().enumerate().map(pupil).collect();
+        pupils.sort_by(|a, b| a.field_deg.total_cmp(&b.field_deg));
+        pupils
     }
 
     /// Middle and rim, right, left, upper and lower, of the pupil of field `i` that its vignetting
@@ -167,6 +268,12 @@ impl System {
         let rim = [[0.0; 2], [1.0 - ux, 0.0], [lx - 1.0, 0.0], [0.0, 1.0 - uy], [0.0, ly - 1.0]];
         rim.map(|[x, y]| [x * cosine - y * sine, x * sine + y * cosine])
     }
+}
+
+/// Keeps the items that are not lost; a list without items stays so.
+fn keep<T>(items: &mut Vec<T>, lost: &[Option<Error>]) {
+    let mut lost = lost.iter();
+    items.retain(|_| lost.next().is_none_or(Option::is_none));
 }
 
 fn object_at(distance_mm: f64) -> Object {
@@ -233,13 +340,9 @@ fn moved(away_mm: f64) -> String {
 /// remain; the one nearest to it takes the place of such a reference wavelength.
 fn keep_known_wavelengths(prescription: &mut Prescription) {
     let lacking = |nm: f64| {
-        prescription.surfaces.iter().find_map(|s| match &s.medium {
-            Medium::Glass(glass) => glass.index(nm).is_err().then(|| {
-                let [low, high] = glass.range_nm;
-                format!("glass {} is known from {low} to {high} nm", glass.name)
-            }),
-            _ => None,
-        })
+        let unknown = prescription.glasses().find(|glass| glass.index(nm).is_err())?;
+        let [low, high] = unknown.range_nm;
+        Some(format!("glass {} is known from {low} to {high} nm", unknown.name))
     };
     let mut notes = Vec::new();
     let (mut known, mut weights) = (Vec::new(), Vec::new());

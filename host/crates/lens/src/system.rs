@@ -6,7 +6,7 @@ use super::prescription::{Clip, FieldKind, Form, Medium, Object, Prescription, S
 use super::pupil::Beam;
 use super::real_height;
 use super::trace::TrainSurface;
-use super::train::Train;
+use super::train::{FieldPupil, Train};
 use super::vergence;
 use camrig_base::{Error, Result};
 use camrig_glass::Glass;
@@ -24,6 +24,9 @@ pub struct System {
     pub stop_radius_mm: f64,
     /// Diameter of the paraxial entrance pupil, mm.
     pub entrance_pupil_mm: f64,
+    /// What vignetting factors leave of the pupil at the design fields, which rise; empty where
+    /// there are none, or apertures follow from them.
+    pub vignetted: Vec<FieldPupil>,
 }
 
 impl System {
@@ -59,6 +62,7 @@ impl System {
             entrance_z_mm: self.paraxial.entrance_z_mm,
             entrance_pupil_mm: self.entrance_pupil_mm,
             telecentric: self.paraxial.telecentric,
+            vignetted: self.vignetted.clone(),
             cone_mm: p.telecentric.then_some(0.5 * self.entrance_pupil_mm),
             asymmetry: p.asymmetry(),
         })
@@ -81,12 +85,13 @@ impl System {
     }
 
     /// Height of the paraxial image of the field point at `field_deg`, mm, at the reference
-    /// wavelength: EFL·tan θ for an object at infinity, |m| times the object's height otherwise.
+    /// wavelength: n·EFL·tan θ for an object at infinity in a medium of index n, |m| times the
+    /// object's height otherwise.
     #[must_use]
     pub fn paraxial_height_mm(&self, field_deg: f64) -> f64 {
         let tangent = libm::tan(field_deg.to_radians());
         match self.prescription.object {
-            Object::Infinity => self.paraxial.efl_mm.abs() * tangent,
+            Object::Infinity => self.paraxial.front_efl_mm().abs() * tangent,
             Object::Distance(d) => {
                 (self.paraxial.magnification * (d + self.paraxial.entrance_z_mm) * tangent).abs()
             }
@@ -104,26 +109,24 @@ impl System {
     /// # Errors
     /// A real image height that no ray reaches; a pupil at infinity.
     pub fn fields_deg(&self) -> Result<Vec<f64>> {
-        let fields = &self.prescription.fields;
-        let object_height = |h: f64| match self.prescription.object {
-            Object::Infinity => {
+        let values = self.prescription.fields.values.iter();
+        values.map(|value| self.field_deg(*value)).collect()
+    }
+
+    /// A design field as chief-ray angle, degrees.
+    pub(super) fn field_deg(&self, value: f64) -> Result<f64> {
+        let degrees = match (self.prescription.fields.kind, self.prescription.object) {
+            (FieldKind::Angle, _) => Ok(value),
+            (FieldKind::ObjectHeight, Object::Infinity) => {
                 Err(Error::input("fields are object heights, the object is at infinity")
                     .help("give angles"))
             }
-            Object::Distance(d) => {
-                Ok(libm::atan(h / (d + self.paraxial.entrance_z_mm).abs()).to_degrees())
+            (FieldKind::ObjectHeight, Object::Distance(d)) => {
+                Ok(libm::atan(value / (d + self.paraxial.entrance_z_mm).abs()).to_degrees())
             }
+            (FieldKind::ParaxialImageHeight, _) => Ok(self.field_of_paraxial_height(value)),
+            (FieldKind::RealImageHeight, _) => self.field_of_real_height(value),
         };
-        let degrees: Result<Vec<f64>> = fields
-            .values
-            .iter()
-            .map(|&v| match fields.kind {
-                FieldKind::Angle => Ok(v),
-                FieldKind::ObjectHeight => object_height(v),
-                FieldKind::ParaxialImageHeight => Ok(self.field_of_paraxial_height(v)),
-                FieldKind::RealImageHeight => self.field_of_real_height(v),
-            })
-            .collect();
         degrees.map_err(|e| e.at("fields"))
     }
 
@@ -205,7 +208,9 @@ fn mirrors(prescription: &Prescription) -> usize {
 /// The surfaces with their indices at a wavelength.
 pub(super) fn surfaces_at(prescription: &Prescription, nm: f64) -> Result<Vec<TrainSurface>> {
     let index = |glass: &Glass| glass.index(nm);
-    let (mut before, mut forward) = (1.0, true);
+    let object_glass = prescription.object_glass.as_ref();
+    let in_front = object_glass.map(index).transpose().map_err(|e| e.at("the object"))?;
+    let (mut before, mut forward) = (in_front.unwrap_or(1.0), true);
     let mut train = Vec::with_capacity(prescription.surfaces.len());
     for (i, s) in prescription.surfaces.iter().enumerate() {
         let after = match &s.medium {

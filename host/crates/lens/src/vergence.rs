@@ -11,7 +11,7 @@ use camrig_base::{Error, Result};
 pub(super) fn set_vergences(surfaces: &mut [TrainSurface], object: Object) -> Result<()> {
     let (mut height, mut slope) = match object {
         Object::Infinity => (1.0, 0.0),
-        Object::Distance(d) => (d, 1.0),
+        Object::Distance(d) => (d, surfaces.first().map_or(1.0, |s| s.before)),
     };
     let mut sign = 1.0;
     for (i, surface) in surfaces.iter_mut().enumerate() {

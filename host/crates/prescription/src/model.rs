@@ -22,6 +22,8 @@ pub struct Prescription {
     pub stop: usize,
     /// Where the object is.
     pub object: Object,
+    /// The medium from the object to the first surface; `None`: air.
+    pub object_glass: Option<Glass>,
     /// What fixes the size of the stop.
     pub aperture: Aperture,
     /// Whether chief rays run parallel to the axis in object space whatever the stop, so that the
@@ -235,6 +237,10 @@ pub struct Fields {
     /// Vignetting factors per field in CODE V's sense, [upper x, lower x, upper y, lower y]: the
     /// part of the pupil's half width that is lost on that side. Empty where there are none.
     pub vignetting: Vec<[f64; 4]>,
+    /// Whether the factors make an ellipse of the pupil, as in OpticStudio. Otherwise surfaces get
+    /// the clear apertures that follow from them, as in CODE V, where such apertures cut the light
+    /// so.
+    pub elliptical: bool,
 }
 
 /// What a field value measures.
@@ -319,13 +325,21 @@ impl Prescription {
         waves.filter(|(_, share)| *share > 0.0).collect()
     }
 
+    /// The glasses that light goes through, in its order.
+    pub fn glasses<'a>(&'a self) -> impl Iterator<Item = &'a Glass> {
+        let of_surface = |surface: &'a Surface| match &surface.medium {
+            Medium::Glass(glass) => Some(glass),
+            _ => None,
+        };
+        self.object_glass.iter().chain(self.surfaces.iter().filter_map(of_surface))
+    }
+
     /// What to tell of glasses whose data end before these wavelengths, nm, and whose formula or
     /// table is carried on to them: a sentence for each glass, unless it is among the notes.
     #[must_use]
     pub fn beyond_data(&self, wavelengths_nm: &[f64]) -> Vec<String> {
         let mut told = Vec::<String>::new();
-        for surface in &self.surfaces {
-            let Medium::Glass(glass) = &surface.medium else { continue };
+        for glass in self.glasses() {
             let [low, high] = glass.range_nm;
             // Limits of catalogues are printed in µm.
             let outside =
@@ -368,7 +382,7 @@ impl Prescription {
             return Err(Error::input(format!("the stop is surface {}", self.stop + 1))
                 .help(format!("surfaces are 1 to {}", self.surfaces.len())));
         }
-        let mut in_air = true;
+        let mut in_air = self.object_glass.is_none();
         for (i, surface) in self.surfaces.iter().enumerate() {
             surface.validate(in_air).map_err(|e| e.at(format!("surface {}", i + 1)))?;
             in_air = match surface.medium {
@@ -397,7 +411,12 @@ impl Prescription {
             Aperture::ImageNa(v) => ("image-side numerical aperture", v),
         };
         positive(name, value)?;
-        if matches!(self.aperture, Aperture::ObjectNa(v) | Aperture::ImageNa(v) if v >= 1.0) {
+        let in_air = match self.aperture {
+            Aperture::ObjectNa(_) => self.object_glass.is_none(),
+            Aperture::ImageNa(_) => true,
+            _ => false,
+        };
+        if in_air && value >= 1.0 {
             return Err(Error::input(format!("{name} {value}")).help("in air it is below 1"));
         }
         if self.wavelengths_nm.is_empty() {

@@ -265,6 +265,7 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
         object: file.object_distance_mm.map_or(Object::Infinity, Object::Distance),
         aperture: aperture(&file.aperture)?,
         telecentric: file.telecentric,
+        object_glass: None,
         wavelengths_nm: file.wavelengths_nm,
         wavelength_weights: file.wavelength_weights,
         reference_nm,
@@ -273,6 +274,7 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
             values: file.fields_deg,
             places: Vec::new(),
             vignetting: Vec::new(),
+            elliptical: false,
         },
         notes,
     };

@@ -3,6 +3,7 @@
 use super::apertures;
 use super::known::{Known, known};
 use super::lexer::{Command, Kind, Word};
+use super::zoom;
 use super::{Draft, File, first, no_more, numbers};
 use crate::refuse;
 use camrig_base::{Error, Result};
@@ -38,8 +39,11 @@ impl File {
     pub(super) fn command(&mut self, command: &Command) -> Result<()> {
         let Command { keyword, words, .. } = command;
         if matches!(keyword.as_str(), "TITLE" | "TIT") {
-            let texts: Vec<&str> = words.iter().map(|w| w.text.as_str()).collect();
-            self.title = texts.join(" ");
+            // `TIT Z2 ...` is that of a zoom position.
+            if words.first().and_then(zoom::position_of).is_none() {
+                let texts: Vec<&str> = words.iter().map(|w| w.text.as_str()).collect();
+                self.title = texts.join(" ");
+            }
             return Ok(());
         }
         if command.open_quote && known(keyword) != Known::Harmless {
@@ -56,13 +60,14 @@ impl File {
             "SO" => {
                 let bend = first(words, keyword)?;
                 self.object = Some((bend, distance(&words[1..], "SO (thickness)")?));
-                in_air(words, "the object")
+                self.object_glass = words.get(2).map(|w| w.text.to_ascii_uppercase());
+                no_more(keyword, words, 3)
             }
             "SI" => {
                 let values = numbers(keyword, &words[..words.len().min(2)])?;
                 self.image_bent = values.first().is_some_and(|v| *v != 0.0);
                 self.image = Some(values.get(1).copied().unwrap_or(0.0));
-                in_air(words, "the image")
+                image_in_air(words)
             }
             "S" if self.image.is_some() => {
                 Err(Error::input("a surface (S) behind the image (SI)")
@@ -365,13 +370,13 @@ fn solve(command: &Command) -> Option<String> {
     Some(format!("{keyword} {word}"))
 }
 
-/// Refuses an object or an image that lies in a glass.
-fn in_air(words: &[Word], what: &str) -> Result<()> {
-    no_more(what, words, 3)?;
+/// Refuses an image that lies in a glass.
+fn image_in_air(words: &[Word]) -> Result<()> {
+    no_more("SI", words, 3)?;
     match capitals(words, 2).as_str() {
         "" | "AIR" => Ok(()),
-        glass => Err(Error::unsupported(format!("{what} lies in {glass}"))
-            .help("object and image lie in air")),
+        glass => Err(Error::unsupported(format!("the image lies in {glass}"))
+            .help("sensors lie in air: add the surface behind the glass")),
     }
 }
 

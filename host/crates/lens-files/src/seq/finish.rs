@@ -119,10 +119,14 @@ impl File {
             object: if finite { Object::Distance(object * scale) } else { Object::Infinity },
             aperture,
             telecentric: false,
+            object_glass: match self.object_glass.as_deref() {
+                None | Some("AIR") => None,
+                Some(name) => Some(glasses.find(name, &[])?.noted(&self.waves, &mut notes)),
+            },
             wavelengths_nm: self.waves.clone(),
             wavelength_weights: self.weights(),
             reference_nm,
-            fields: Fields { kind: *kind, values, places, vignetting },
+            fields: Fields { kind: *kind, values, places, vignetting, elliptical: false },
             notes,
         };
         prescription.validate()?;

@@ -6,7 +6,7 @@
 const HARMLESS: &[&[&str]] = &[SET, WEIGHTS, COUPLINGS, TOLERANCES, MANUFACTURE];
 /// The lens as a data set: start, end, remarks, names, listings, drawings and their colours.
 const SET: &[&str] =
-    &["LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA", "CLS"];
+    &["LEN", "INI", "GO", "COM", "UID", "SAV", "OUT", "SLB", "LIS", "VIE", "DRA", "CLS", "DOR"];
 /// Weights of fields in merit functions.
 const WEIGHTS: &[&str] = &["WTF", "WTX", "WTY"];
 /// What an optimisation varies and couples.
@@ -24,11 +24,11 @@ const TOLERANCES: &[&str] = &[
 const MANUFACTURE: &[&str] = &["CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "STP", "THM"];
 
 /// Commands and words that solve for a value, or take it from another surface, whose result stands
-/// in the file already: the paraxial image (PIM); angle (U), incidence (I) or height (H) of the
+/// in the file already: the paraxial image (PIM); the length of a part (OAL); angle (U), incidence (I) or height (H) of the
 /// marginal (M) or chief ray (C) in y or x; pickups.
 const SOLVES: &[&str] = &[
-    "PIM", "UMY", "UMX", "UCY", "UCX", "IMY", "IMX", "ICY", "ICX", "HMY", "HMX", "HCY", "HCX",
-    "PIK", "PIC",
+    "PIM", "OAL", "UMY", "UMX", "UCY", "UCX", "IMY", "IMX", "ICY", "ICX", "HMY", "HMX", "HCY",
+    "HCX", "PIK", "PIC",
 ];
 
 /// Commands of surfaces and systems that are not sequential, or that bend light by other means than

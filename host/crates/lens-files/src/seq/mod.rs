@@ -46,6 +46,7 @@ struct File {
     fields: Option<(FieldKind, [Vec<f64>; 2])>,
     vignetting: [Vec<f64>; 4],
     object: Option<(f64, f64)>,
+    object_glass: Option<String>,
     surfaces: Vec<Draft>,
     image: Option<f64>,
     image_bent: bool,
@@ -88,8 +89,8 @@ pub fn read(text: &str, glasses: &Catalogue) -> Result<Prescription> {
     read_position(text, glasses, None)
 }
 
-/// A prescription from the text of a `.seq` file in one of its zoom positions, by number from 1;
-/// `None` takes the first.
+/// A prescription from the text of a `.seq` file in one of its zoom positions, by number from 1
+/// or by title; `None` takes the first.
 ///
 /// # Errors
 /// Those of [`read`]; a position that the file does not have.
@@ -98,10 +99,11 @@ pub fn read_position(
     glasses: &Catalogue,
     position: Option<&str>,
 ) -> Result<Prescription> {
-    let zoom = Zoom::at(position);
+    let commands = lexer::commands(text)?;
+    let zoom = Zoom::of(&commands, position);
     let mut file = File { scale: 1.0, zoom, ..File::default() };
-    for command in lexer::commands(text)? {
-        file.command(&command).map_err(|e| e.at(format!("line {}", command.line)))?;
+    for command in &commands {
+        file.command(command).map_err(|e| e.at(format!("line {}", command.line)))?;
     }
     file.zoom.check(&mut file.notes)?;
     file.finish(glasses)

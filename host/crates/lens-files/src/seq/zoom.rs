@@ -14,24 +14,50 @@ const MOST: usize = 1000;
 pub(super) struct Zoom {
     count: usize,
     wanted: Option<String>,
+    /// Titles of the positions, where the file gives them.
+    titles: Vec<String>,
     /// The first solve whose value in the file is kept, and its line.
     solve: Option<(usize, String)>,
 }
 
 impl Zoom {
-    /// Reads this position, by its number; `None`: the first.
-    pub(super) fn at(wanted: Option<&str>) -> Self {
-        Self { wanted: wanted.map(str::to_owned), ..Self::default() }
+    /// Reads this position, by its number or title; `None`: the first.
+    pub(super) fn of(commands: &[Command], wanted: Option<&str>) -> Self {
+        let mut zoom = Self { wanted: wanted.map(str::to_owned), ..Self::default() };
+        commands.iter().for_each(|command| zoom.take_titles(command));
+        zoom
+    }
+
+    /// `ZOO TIT 'A' 'B'`, or `TIT Z2 "B"`.
+    fn take_titles(&mut self, Command { keyword, words, .. }: &Command) {
+        // Marks that are doubled leave empty words.
+        let texts = |words: &[Word]| -> Vec<String> {
+            words.iter().filter(|w| !w.text.is_empty()).map(|w| w.text.clone()).collect()
+        };
+        match (keyword.as_str(), &words[..]) {
+            ("ZOO", [title, rest @ ..]) if is_title(&title.text) => {
+                self.titles.extend(texts(rest));
+            }
+            ("TIT" | "TITLE", [place, rest @ ..]) => {
+                let Some(position) = position_of(place) else { return };
+                self.titles.resize(self.titles.len().max(position), String::new());
+                self.titles[position - 1] = texts(rest).join(" ");
+            }
+            _ => {}
+        }
     }
 
     /// The number of the position that is read, from 1.
     fn position(&self) -> Result<usize> {
         let Some(wanted) = &self.wanted else { return Ok(1) };
         let count = self.count.max(1);
-        wanted.parse().ok().filter(|n| (1..=count).contains(n)).ok_or_else(|| {
+        let titled = self.titles.iter().position(|title| title.eq_ignore_ascii_case(wanted));
+        let number = wanted.parse().ok().or(titled.map(|i| i + 1));
+        number.filter(|n| (1..=count).contains(n)).ok_or_else(|| {
             let known = match count {
                 1 => "the file has one configuration; leave the choice out".to_owned(),
-                _ => format!("the file has zoom positions 1 to {count}"),
+                _ if self.titles.is_empty() => format!("the file has zoom positions 1 to {count}"),
+                _ => format!("the file has zoom positions 1 to {count}: {:?}", self.titles),
             };
             Error::input(format!("no configuration \"{wanted}\"")).help(known)
         })
@@ -74,6 +100,9 @@ impl File {
     /// `ZOO n`, or `ZOO command value value ...`.
     pub(super) fn zoom(&mut self, command: &Command) -> Result<()> {
         let words = &command.words;
+        if words.first().is_some_and(|word| is_title(&word.text)) {
+            return Ok(());
+        }
         if let [word] = &words[..] {
             return self.zoom.set_count(word);
         }
@@ -81,7 +110,7 @@ impl File {
             return Err(Error::input("ZOO has no value").help("the line is cut short"));
         };
         let keyword = name.text.to_ascii_uppercase();
-        if matches!(keyword.as_str(), "TIT" | "TITLE") || known(&keyword) == Known::Harmless {
+        if known(&keyword) == Known::Harmless {
             return Ok(());
         }
         let count = self.zoom.count;
@@ -100,6 +129,16 @@ impl File {
         let chosen = Command { line: command.line, keyword, words, open_quote: false };
         self.command(&chosen)
     }
+}
+
+fn is_title(word: &str) -> bool {
+    ["TIT", "TITLE"].iter().any(|name| word.eq_ignore_ascii_case(name))
+}
+
+/// The zoom position that a word names (Z2).
+pub(super) fn position_of(word: &Word) -> Option<usize> {
+    let number = word.text.strip_prefix(['Z', 'z']).filter(|_| word.kind == Kind::Plain)?;
+    number.parse().ok().filter(|n| (1..=MOST).contains(n))
 }
 
 /// Whether a word names a surface (S3, SO, SI) or a field (F2).

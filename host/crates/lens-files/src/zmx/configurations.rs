@@ -2,10 +2,10 @@
 //!
 //! `MNUM count active` is followed by `OPERAND place configuration value ... "text" n`, one line
 //! per operand and configuration; the surfaces hold the values of the active one. Another one is
-//! made by setting its values, as long as the tracer knows all operands in which the two differ,
-//! and nothing in the file follows from them by a solve.
+//! made by setting its values, as long as the reader knows all operands in which the two differ
+//! ([`File::number`]), and nothing in the file follows from them by a solve.
 
-use super::{Draft, count};
+use super::{File, count};
 use camrig_base::{Error, Result};
 use camrig_glass::text::number;
 
@@ -31,6 +31,44 @@ struct Value {
     configuration: usize,
     value: String,
     text: String,
+}
+
+impl Value {
+    /// Whether it may change the image; the thickness behind the image surface does not.
+    fn has_effect(&self, image: usize) -> bool {
+        let behind = self.operand == "THIC" && self.place[0].parse() == Ok(image);
+        !(behind || WITHOUT_EFFECT.contains(&&self.operand[..]))
+    }
+}
+
+impl File {
+    /// The number that an operand of the editor is about, in the file's unit; `None` for operands
+    /// that are not known.
+    fn number(&mut self, value: &Value) -> Option<&mut f64> {
+        let [first, second] = [0, 1].map(|i| value.place[i].parse::<usize>().ok());
+        let place = first?;
+        let of_fields = match &value.operand[..] {
+            "XFIE" => Some(&mut self.fields_x),
+            "YFIE" => Some(&mut self.fields_y),
+            "FVDX" => Some(&mut self.vignetting[0]),
+            "FVDY" => Some(&mut self.vignetting[1]),
+            "FVCX" => Some(&mut self.vignetting[2]),
+            "FVCY" => Some(&mut self.vignetting[3]),
+            _ => None,
+        };
+        if let Some(list) = of_fields {
+            return list.get_mut(place.checked_sub(1)?);
+        }
+        let surface = self.surfaces.get_mut(place)?;
+        match &value.operand[..] {
+            "THIC" => Some(&mut surface.thickness),
+            "CRVT" => Some(&mut surface.curvature),
+            "CONN" => Some(&mut surface.conic),
+            "SDIA" => surface.diameter.as_mut().map(|(radius, _)| radius),
+            "PRAM" => surface.parameters.get_mut(second?.checked_sub(1)?),
+            _ => None,
+        }
+    }
 }
 
 /// What a file says about its configurations.
@@ -109,33 +147,28 @@ impl Configurations {
         Err(Error::input(format!("no configuration \"{wanted}\"")).help(known))
     }
 
-    /// Sets the surfaces to the configuration `wanted` (the active one unless given), and says
+    /// Sets the file to the configuration `wanted` (the active one unless given), and says
     /// which was taken.
-    pub(super) fn apply(
-        &self,
-        wanted: Option<&str>,
-        surfaces: &mut [Draft],
-        notes: &mut Vec<String>,
-    ) -> Result<()> {
+    pub(super) fn apply(&self, wanted: Option<&str>, file: &mut File) -> Result<()> {
         let count = self.count;
         let wanted = wanted.map(|w| self.find(w)).transpose()?;
         if count < 2 {
             return Ok(());
         }
-        let Some(active) = self.active.or_else(|| self.held(surfaces)) else {
+        let Some(active) = self.active.or_else(|| self.held(file)) else {
             let why = "the file does not say which is active (MNUM), nor do its surfaces";
             if let Some(wanted) = wanted {
                 return Err(self.refuse(wanted, why));
             }
-            notes.push(format!(
+            file.notes.push(format!(
                 "the values of the file are taken as they stand, with {count} configurations: {why}"
             ));
             return Ok(());
         };
-        let holds = self.holds(active, surfaces);
+        let holds = self.holds(active, file);
         let wanted = wanted.unwrap_or(active);
         if wanted == active {
-            notes.push(format!(
+            file.notes.push(format!(
                 "configuration {active} of {count} is taken: it is the active one, {}",
                 match holds {
                     true => "whose values the surfaces have",
@@ -152,13 +185,14 @@ impl Configurations {
         if values().next().is_none() {
             return Err(self.refuse(wanted, "the file has no values for it"));
         }
-        if let Some(lone) = self.without_value(wanted) {
+        if let Some(lone) = self.without_value(wanted, file.surfaces.len() - 1) {
             let (operand, place) = (&lone.operand, &lone.place[0]);
             let why = format!("line {}: {operand} {place} has no value for it", lone.line);
             return Err(self.refuse(wanted, &why));
         }
         let mut set = Vec::new();
-        for value in values().filter(|v| !WITHOUT_EFFECT.contains(&&v.operand[..])) {
+        let image = file.surfaces.len() - 1;
+        for value in values().filter(|v| v.has_effect(image)) {
             let same = |v: &&Value| {
                 v.configuration == active && v.operand == value.operand && v.place == value.place
             };
@@ -166,7 +200,7 @@ impl Configurations {
             if before.is_some_and(|b| b.value == value.value && b.text == value.text) {
                 continue;
             }
-            self.set(value, surfaces)?;
+            self.set(value, file)?;
             set.push(format!("{} {} = {}", value.operand, value.place[0], value.value));
         }
         if let (Some((line, keyword)), false) = (&self.solved, set.is_empty()) {
@@ -174,7 +208,7 @@ impl Configurations {
                 format!("line {line}: {keyword} may be a solve that follows from its values");
             return Err(self.refuse(wanted, &why));
         }
-        notes.push(format!(
+        file.notes.push(format!(
             "configuration {wanted} of {count} is taken instead of the active one ({active}): {}",
             match set.is_empty() {
                 true => "the two trace alike".to_owned(),
@@ -184,65 +218,45 @@ impl Configurations {
         Ok(())
     }
 
-    /// The one configuration whose values the surfaces have; `None` where several may be.
-    fn held(&self, surfaces: &[Draft]) -> Option<usize> {
-        let mut held = (1..=self.count).filter(|number| self.holds(*number, surfaces));
+    /// The one configuration whose values the file has; `None` where several may be.
+    fn held(&self, file: &mut File) -> Option<usize> {
+        let mut held = (1..=self.count).filter(|number| self.holds(*number, file));
         held.next().filter(|_| held.next().is_none())
     }
 
     /// A value of another configuration of which there is none in this one.
-    fn without_value(&self, wanted: usize) -> Option<&Value> {
+    fn without_value(&self, wanted: usize, image: usize) -> Option<&Value> {
         let same = |a: &Value, b: &Value| a.operand == b.operand && a.place == b.place;
         let given = |value: &Value| {
             self.values.iter().any(|v| v.configuration == wanted && same(v, value))
         };
-        let in_effect = |v: &&Value| !WITHOUT_EFFECT.contains(&&v.operand[..]);
+        let in_effect = |v: &&Value| v.has_effect(image);
         self.values.iter().filter(in_effect).find(|value| !given(value))
     }
 
-    /// Whether the surfaces have what is known of this configuration's values.
-    fn holds(&self, configuration: usize, surfaces: &[Draft]) -> bool {
-        let values = self.values.iter().filter(|v| v.configuration == configuration);
-        let mut known = values.filter_map(|value| {
-            let surface = surfaces.get(value.place[0].parse::<usize>().ok()?)?;
-            let here = match &value.operand[..] {
-                "THIC" => surface.thickness.unwrap_or(f64::INFINITY),
-                "CRVT" => surface.curvature,
-                "CONN" => surface.conic,
-                _ => return None,
-            };
-            let wanted: f64 = value.value.parse().ok()?;
+    /// Whether the file has what is known of this configuration's values.
+    fn holds(&self, configuration: usize, file: &mut File) -> bool {
+        let image = file.surfaces.len() - 1;
+        let mut values = self.values.iter().filter(|v| v.configuration == configuration);
+        values.all(|value| {
+            let wanted: Option<f64> = value.value.parse().ok();
+            let here = file.number(value).filter(|_| value.has_effect(image));
+            let (Some(here), Some(wanted)) = (here, wanted) else { return true };
             let infinite = here.abs().min(wanted.abs()) >= super::INFINITE;
-            Some(infinite || (here - wanted).abs() <= SAME * wanted.abs())
-        });
-        known.all(|same| same)
+            infinite || (*here - wanted).abs() <= SAME * wanted.abs()
+        })
     }
 
-    fn set(&self, value: &Value, surfaces: &mut [Draft]) -> Result<()> {
-        let place: Option<usize> = value.place[0].parse().ok();
-        let number = || number(&value.operand, &value.value);
-        let surface = match place {
-            Some(i) => surfaces.get_mut(i),
-            None => None,
-        };
-        match (&value.operand[..], surface) {
-            ("THIC", Some(surface)) => {
-                surface.thickness = match number()? {
-                    v if v.abs() >= super::INFINITE => None,
-                    v => Some(v),
-                };
-            }
-            ("CRVT", Some(surface)) => surface.curvature = number()?,
-            ("CONN", Some(surface)) => surface.conic = number()?,
-            (operand, _) => {
-                let why = format!(
-                    "line {}: it differs from the active one in {operand} {}, which is not known",
-                    value.line, value.place[0]
-                );
-                return Err(self.refuse(value.configuration, &why));
-            }
+    fn set(&self, value: &Value, file: &mut File) -> Result<()> {
+        if let Some(here) = file.number(value) {
+            *here = number(&value.operand, &value.value)?;
+            return Ok(());
         }
-        Ok(())
+        let why = format!(
+            "line {}: it differs from the active one in {} {}, which is not known",
+            value.line, value.operand, value.place[0]
+        );
+        Err(self.refuse(value.configuration, &why))
     }
 
     fn refuse(&self, wanted: usize, why: &str) -> Error {
@@ -252,7 +266,7 @@ impl Configurations {
         ))
         .help(
             "make it the active one in the lens program and save the file (thicknesses, \
-                 curvatures and conics are set here)",
+                 curvatures, conics, semi-diameters, parameters and fields are set here)",
         )
     }
 }

@@ -92,7 +92,8 @@ impl File {
                         lens is rotationally symmetric";
             self.notes.push(note.into());
         }
-        Ok(Fields { kind, values, places, vignetting: if any { vignetting } else { Vec::new() } })
+        let vignetting = if any { vignetting } else { Vec::new() };
+        Ok(Fields { kind, values, places, vignetting, elliptical: true })
     }
 }
 

@@ -1,7 +1,7 @@
 //! `GLAS`: catalogue glasses, model glasses, mirrors.
 
 use super::{value, word};
-use camrig_base::Result;
+use camrig_base::{ErrorCode, Result};
 use camrig_glass::{Catalogue, Glass};
 use camrig_prescription::Medium;
 
@@ -18,6 +18,19 @@ pub(super) struct Glasses<'a> {
 pub(super) fn is_air(words: &[String]) -> bool {
     words.first().is_some_and(|name| name.eq_ignore_ascii_case("AIR"))
         && words.get(1).is_none_or(|mode| mode == "0")
+}
+
+/// Difference of n_d from which on a line and a catalogue do not mean the same glass: melts differ
+/// by less.
+const SAME_INDEX: f64 = 1e-4;
+/// What OpticStudio writes for n_d and V_d where the glass is one of a catalogue.
+const PLACEHOLDER: (f64, f64) = (1.5, 40.0);
+
+/// n_d and V_d of the line, where they are the glass's.
+fn stated(words: &[&str]) -> Option<(f64, f64)> {
+    let number = |i: usize| words.get(i)?.parse::<f64>().ok();
+    let stated = (number(3)?, number(4)?);
+    (stated != PLACEHOLDER && Glass::model(stated.0, stated.1).is_ok()).then_some(stated)
 }
 
 /// `GLAS name mode pickup n_d V_d ΔP_gF . . . Δn_d ΔV_d`: a catalogue glass, a mirror, a model
@@ -48,8 +61,23 @@ pub(super) fn medium(
             false => Glass::model_off_line(nd, vd, optional(5)?)?,
         }));
     }
-    let found = glasses.catalogue.find(name, glasses.makers)?;
+    let stated = stated(&words);
+    let found = glasses.catalogue.find(name, glasses.makers).map_err(|e| match (stated, e) {
+        (Some((nd, vd)), e) if e.code() == Some(ErrorCode::UnknownGlass) => {
+            let help = e.remedy().unwrap_or_default();
+            let help = format!("the line says n_d {nd} and V_d {vd}: {name}={nd}:{vd}; {help}");
+            e.help(help)
+        }
+        (_, e) => e,
+    })?;
     let glass = found.noted(glasses.wavelengths_nm, notes);
+    let (nd, _) = glass.nd_vd();
+    if let Some((said, _)) = stated.filter(|(said, _)| (said - nd).abs() > SAME_INDEX) {
+        let note = format!("glass {name}: n_d is {said} by the file, and {nd:.6} as traced");
+        if !notes.contains(&note) {
+            notes.push(note);
+        }
+    }
     if mode != "4" {
         return Ok(Medium::Glass(glass));
     }

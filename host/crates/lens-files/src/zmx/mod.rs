@@ -19,8 +19,8 @@ mod waves;
 
 use crate::refuse;
 use camrig_base::{Error, Result};
-use camrig_glass::Catalogue;
 use camrig_glass::text::{number, numbers};
+use camrig_glass::{Catalogue, Glass};
 use camrig_prescription::{Aperture, Clip, Form, Medium, Object};
 use camrig_prescription::{Prescription, Shape, Surface};
 use configurations::Configurations;
@@ -41,13 +41,15 @@ struct Draft {
     conic: f64,
     parameters: Vec<f64>,
     extra: Vec<f64>,
-    thickness: Option<f64>,
+    /// To the next surface; infinite unless given.
+    thickness: f64,
     glass: Option<(usize, Vec<String>)>,
     diameter: Option<(f64, bool)>,
     clips: Vec<Clip>,
     centre: [f64; 2],
     clear: bool,
     stop: bool,
+    coated: bool,
 }
 
 #[derive(Default)]
@@ -199,7 +201,8 @@ impl File {
                     .help("surfaces count up from 0; is a part of the file missing?"));
                 }
                 let kind = "STANDARD".to_owned();
-                self.surfaces.push(Draft { line, kind, ..Draft::default() });
+                let thickness = f64::INFINITY;
+                self.surfaces.push(Draft { line, kind, thickness, ..Draft::default() });
             }
             "AFOC" => return refuse("an afocal system"),
             "VANN" if numbers(keyword, rest)?.iter().any(|deg| *deg != 0.0) => {
@@ -258,8 +261,8 @@ impl Draft {
             "CONI" => self.conic = value(rest, 0, keyword)?,
             "DISZ" => {
                 self.thickness = match word(rest, 0, keyword)? {
-                    "INFINITY" => None,
-                    _ => Some(value(rest, 0, keyword)?),
+                    "INFINITY" => f64::INFINITY,
+                    _ => value(rest, 0, keyword)?,
                 };
             }
             "PARM" => place(&mut self.parameters, rest, keyword)?,
@@ -302,6 +305,7 @@ impl Draft {
                 refuse("a tilt or decentre among a surface's properties (SCBD)")?;
             }
             "STOP" => self.stop = true,
+            "COAT" => self.coated = !rest.is_empty(),
             "IGNR" if numbers(keyword, rest)?.iter().any(|ignored| *ignored != 0.0) => {
                 refuse("a surface that its program leaves out (IGNR)")?;
             }
@@ -316,10 +320,11 @@ impl Draft {
         glasses: &Glasses<'_>,
         notes: &mut Vec<String>,
     ) -> Result<Surface> {
-        let Some(thickness) = self.thickness else {
+        let thickness = self.thickness;
+        if thickness.abs() >= INFINITE {
             return Err(Error::input("infinite thickness behind a surface of the lens")
                 .help("only the object may be at infinity"));
-        };
+        }
         let centre = self.centre.map(|v| v * scale);
         let mut surface = Surface {
             curvature: self.curvature / scale,
@@ -328,6 +333,7 @@ impl Draft {
             ..Surface::plane(thickness * scale)
         };
         self.shape(&mut surface, scale)?;
+        notes.extend(self.unread().map(|what| format!("line {}: {what}", self.line)));
         // A coordinate break stays in the medium in front of it, whatever its line says.
         if surface.form == Form::Break {
             return Ok(surface);
@@ -340,20 +346,21 @@ impl Draft {
     }
 }
 
-/// Refuses an object that is curved, or lies in a glass.
-fn check_object(draft: &Draft, object: Object) -> Result<()> {
-    let glass = draft.glass.as_ref().filter(|(_, words)| !material::is_air(words));
-    let (what, help) = match glass {
-        Some((_, words)) => {
-            let name = words.first().map_or("a glass", String::as_str);
-            (format!("the object lies in {name}"), "only objects in air are traced")
+/// The glass that the object lies in, if it is not air.
+fn object_glass(
+    draft: &Draft,
+    glasses: &Glasses<'_>,
+    notes: &mut Vec<String>,
+) -> Result<Option<Glass>> {
+    let Some((line, words)) = &draft.glass else { return Ok(None) };
+    let at = |e: Error| e.at(format!("line {line}"));
+    match material::medium(words, glasses, notes).map_err(at)? {
+        Medium::Air => Ok(None),
+        Medium::Glass(glass) => Ok(Some(glass)),
+        Medium::Mirror => {
+            Err(at(Error::input("the object is a mirror").help("give the first mirror a surface")))
         }
-        None if draft.curvature != 0.0 && object != Object::Infinity => {
-            ("the object surface is curved".into(), "only flat objects are traced")
-        }
-        None => return Ok(()),
-    };
-    Err(Error::unsupported(what).at(format!("line {}", draft.line)).help(help))
+    }
 }
 
 /// `PARM i v`, `XDAT i v`: puts v at place i, counted from 1.
@@ -381,17 +388,17 @@ impl File {
                 .push("the file does not say its unit (UNIT): millimetres are assumed".into());
             1.0
         });
-        let mut drafts = std::mem::take(&mut self.surfaces);
-        self.configurations.apply(configuration, &mut drafts, &mut self.notes)?;
+        std::mem::take(&mut self.configurations).apply(configuration, &mut self)?;
+        let drafts = std::mem::take(&mut self.surfaces);
         let image = drafts.len() - 1;
         let lens = &drafts[1..image];
         let object = match drafts[0].thickness {
-            None => Object::Infinity,
-            Some(d) if d.abs() >= INFINITE => Object::Infinity,
-            Some(d) => Object::Distance(d * scale),
+            d if d.abs() >= INFINITE => Object::Infinity,
+            d => Object::Distance(d * scale),
         };
-        if let Some(thickness) = drafts[image].thickness.filter(|d| *d != 0.0) {
-            return Err(Error::input(format!("the last surface is followed by {thickness}"))
+        let behind = drafts[image].thickness;
+        if behind != 0.0 && behind.is_finite() {
+            return Err(Error::input(format!("the last surface is followed by {behind}"))
                 .at(format!("surface {image} (line {})", drafts[image].line))
                 .help("the last surface is the image, with DISZ 0: is the file cut short?"));
         }
@@ -405,7 +412,11 @@ impl File {
                 .help("object and image are flat; tilt them by a coordinate break before"));
             }
         }
-        check_object(&drafts[0], object)?;
+        if drafts[0].curvature != 0.0 && object != Object::Infinity {
+            return Err(Error::unsupported("the object surface is curved")
+                .at(format!("line {}", drafts[0].line))
+                .help("only flat objects are traced"));
+        }
         if drafts[image].curvature != 0.0 {
             return Err(Error::unsupported("the image surface is curved")
                 .at(format!("line {}", drafts[image].line))
@@ -414,8 +425,10 @@ impl File {
         let (waves, wavelength_weights) = self.wavelengths()?;
         let reference_nm = self.reference(&waves)?;
         let glasses = Glasses { catalogue: glasses, makers: &self.makers, wavelengths_nm: &waves };
+        let object_glass = object_glass(&drafts[0], &glasses, &mut self.notes)?;
         let mut surfaces = Vec::with_capacity(lens.len());
-        let mut open = true;
+        let mut open = object_glass.is_none();
+        let mut drawn = Vec::new();
         for (i, draft) in lens.iter().enumerate() {
             let mut surface = draft
                 .surface(scale, &glasses, &mut self.notes)
@@ -427,12 +440,27 @@ impl File {
             if surface.form != Form::Break && surface.medium != Medium::Mirror {
                 open = surface.medium == Medium::Air;
             }
-            if let (false, true, Some((radius, true))) = (draft.clear, refracts, draft.diameter)
+            if let (false, Some((radius, true))) = (draft.clear, draft.diameter)
                 && radius > 0.0
             {
-                surface.clips.push(Clip::circle(radius * scale));
+                match refracts {
+                    true => surface.clips.push(Clip::circle(radius * scale)),
+                    false if !draft.stop => drawn.push((i + 1).to_string()),
+                    false => {}
+                }
             }
             surfaces.push(surface);
+        }
+        if !drawn.is_empty() {
+            self.notes.push(format!(
+                "fixed semi-diameters of planes in air cut no light, as in their program (surface \
+                 {}): give baffles an aperture (FLAP)",
+                drawn.join(", ")
+            ));
+        }
+        if drafts.iter().any(|draft| draft.coated) {
+            let note = "coatings (COAT) are not traced: surfaces pass all light";
+            self.notes.push(note.into());
         }
         if let [_, second, ..] = drafts.iter().filter(|d| d.stop).collect::<Vec<_>>()[..] {
             return Err(Error::input("a second surface is the stop")
@@ -450,6 +478,7 @@ impl File {
             surfaces,
             stop,
             object,
+            object_glass,
             aperture,
             telecentric: self.telecentric,
             wavelengths_nm: waves,

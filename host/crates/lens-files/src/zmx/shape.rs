@@ -17,10 +17,7 @@ impl Draft {
         let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
         match self.kind.as_str() {
             "STANDARD" => {}
-            "EVENASPH" => {
-                let terms = self.parameters.iter().enumerate();
-                surface.even = terms.map(|(i, a)| in_mm(*a, 2 * i + 2)).collect();
-            }
+            "EVENASPH" => surface.even = self.even_terms(scale),
             "ODDASPHE" => {
                 for (i, a) in self.parameters.iter().enumerate() {
                     let terms = if i % 2 == 0 { &mut surface.odd } else { &mut surface.even };
@@ -28,12 +25,24 @@ impl Draft {
                 }
             }
             "XASPHERE" => {
-                // Coefficients of (r/radius)^2i.
+                // Coefficients of (r/radius)^2i, added to an even asphere.
+                let (radius, terms) = self.extra_terms(1, scale)?;
+                surface.even = self.even_terms(scale);
+                surface.even.resize(surface.even.len().max(terms.len()), 0.0);
+                let mut power = 1.0;
+                for (sum, a) in surface.even.iter_mut().zip(terms) {
+                    power *= radius * radius;
+                    *sum += a / power;
+                }
+            }
+            "XOSPHERE" => {
+                // Coefficients of (r/radius)^i.
                 let (radius, terms) = self.extra_terms(1, scale)?;
                 let mut power = 1.0;
-                for a in terms {
-                    power *= radius * radius;
-                    surface.even.push(a / power);
+                for (i, a) in terms.into_iter().enumerate() {
+                    power *= radius;
+                    let sums = if i % 2 == 0 { &mut surface.odd } else { &mut surface.even };
+                    sums.push(a / power);
                 }
             }
             "QED_TYPE" => {
@@ -59,6 +68,41 @@ impl Draft {
             kind => refuse(&format!("a surface of type {kind}"))?,
         }
         Ok(())
+    }
+
+    /// A word on parameters (`PARM`) and extra data (`XDAT`) that nothing above reads.
+    pub(super) fn unread(&self) -> Option<String> {
+        // A paraxial surface's second one says how path differences are computed.
+        let (parameters, extra) = match self.kind.as_str() {
+            "EVENASPH" | "ODDASPHE" => (usize::MAX, 0),
+            "XASPHERE" => (usize::MAX, self.extra_used(1)),
+            "XOSPHERE" => (0, self.extra_used(1)),
+            "QED_TYPE" => (0, self.extra_used(2)),
+            "BICONICX" | "PARAXIAL" => (2, 0),
+            "TOROIDAL" => (8, 2),
+            "COORDBRK" => (6, 0),
+            _ => (0, 0),
+        };
+        let unread = |values: &[f64], used: usize, name: &str| {
+            let slot = values.iter().skip(used).position(|v| *v != 0.0)? + used;
+            Some(format!("{name} {} = {} of a {} surface", slot + 1, values[slot], self.kind))
+        };
+        let unread =
+            [unread(&self.parameters, parameters, "PARM"), unread(&self.extra, extra, "XDAT")];
+        let unread: Vec<String> = unread.into_iter().flatten().collect();
+        (!unread.is_empty()).then(|| format!("{} is not used", unread.join(" and ")))
+    }
+
+    /// Coefficients of r², r⁴, ... from `PARM 1` on.
+    fn even_terms(&self, scale: f64) -> Vec<f64> {
+        let terms = self.parameters.iter().zip(1..);
+        terms.map(|(a, i)| a * scale / scale.powi(2 * i)).collect()
+    }
+
+    /// How many of the extra data are used, where the number of terms stands at `first`.
+    fn extra_used(&self, first: usize) -> usize {
+        let terms = self.extra.get(first - 1).copied().unwrap_or(0.0).clamp(0.0, 1e3) as usize;
+        first + 1 + terms
     }
 
     /// `PARM i`, 0 unless given.
@@ -90,7 +134,7 @@ impl Draft {
     /// (mm).
     fn extra_terms(&self, first: usize, scale: f64) -> Result<(f64, Vec<f64>)> {
         let extra = self.extra.get(first - 1..).unwrap_or(&[]);
-        let used = extra.first().copied().unwrap_or(0.0).clamp(0.0, 1e3) as usize;
+        let used = self.extra_used(first) - first - 1;
         let radius = extra.get(1).copied().unwrap_or(1.0) * scale;
         if used > 0 && radius == 0.0 {
             return Err(Error::input(format!("normalisation radius 0 (XDAT {})", first + 1))

@@ -307,6 +307,46 @@ fn a_kept_solve_is_no_value_of_another_zoom_position() {
     }
 }
 
+/// CODE V of 2023 on writes `DOR`, and solves for the length of a part.
+#[test]
+fn the_default_order_and_the_solve_for_a_length_change_nothing() {
+    let plain = lens("RDM; EPD 6", "STO").unwrap();
+    let with = |more: &str| lens("RDM; EPD 6", more).unwrap();
+    assert_eq!(with("STO; DOR 1.15 1.05"), plain);
+    let solved = with("STO; THI S1 OAL S1..2 80");
+    assert_eq!(solved.surfaces, plain.surfaces);
+    assert!(solved.notes[0].contains("THI OAL is not solved again"), "{:?}", solved.notes);
+}
+
+#[test]
+fn a_zoom_position_is_chosen_by_its_title() {
+    let read = |titles: &str, wanted| {
+        let text = format!(
+            "RDM; EPD 6; DIM M; WL 550; YAN 0\nSO 0 1e13\nS 80 5 1.5:60; STO\nS -80 75\nSI 0 0\n\
+             ZOO 2; {titles}\nZOO THI S1 5 4\n"
+        );
+        read_position(&text, &Catalogue::default(), Some(wanted))
+    };
+    for titles in ["ZOO TIT; TIT Z1 \"\"FAR\"\"; TIT Z2 \"\"NEAR\"\"", "ZOO TIT 'far' 'near'"] {
+        assert_eq!(read(titles, "Near").unwrap().surfaces[0].thickness, 4.0, "{titles}");
+        assert_eq!(read(titles, "FAR").unwrap().surfaces[0].thickness, 5.0, "{titles}");
+        let error = read(titles, "MACRO").unwrap_err().to_string();
+        assert!(error.to_ascii_uppercase().contains("\"NEAR\""), "{error}");
+    }
+}
+
+/// Factors that no aperture behind a stop in front can meet make an ellipse of the pupil.
+#[test]
+fn factors_that_apertures_cannot_meet_make_an_ellipse() {
+    let text = "RDM; EPD 10; DIM M; WL 587.6; YAN 0 10; VUY 0 0; VLY 0 0.6\nSO 0 1e13\nS 0 30; \
+                STO\nS 60 5 1.5:60\nS -60 50\nSI 0 0\n";
+    let lens = read(text, &Catalogue::default()).unwrap();
+    let system = System::new(lens, Conditions::default()).unwrap();
+    let pupil = system.vignetted[1];
+    assert!((pupil.centre - 0.3).abs() < 1e-12 && (pupil.half[1] - 0.7).abs() < 1e-12);
+    assert!(system.prescription.surfaces.iter().all(|s| s.clips.is_empty()));
+}
+
 #[test]
 fn words_that_nothing_takes_are_refused() {
     let text = "RDM; EPD 6; DIM M\nWL 550 600; WTW 1 2; REF 1; YAN 0\nSO 0 1e13\n\
@@ -321,7 +361,7 @@ fn words_that_nothing_takes_are_refused() {
         ("WTW 1 2", "WTW 1 2 3", "WTW has 3 weights for 2 wavelengths"),
         ("S 80 5 1.5:60", "S 80 5 1.5:60 REFR 7", "S: \"7\" is not understood"),
         ("SI 0 0", "SI 0 0 N-BK7", "the image lies in N-BK7"),
-        ("SI 0 0", "SI 0 0 AIR 4", "the image: \"4\" is not understood"),
+        ("SI 0 0", "SI 0 0 AIR 4", "SI: \"4\" is not understood"),
         ("SI 0 0", "SI 0 0; THI SI 1 2", "THI: \"2\" is not understood"),
         ("YAN 0", "YAN 0; VUY F1 0.1 0.2", "VUY: \"0.2\" is not understood"),
     ] {

@@ -174,7 +174,8 @@ pub fn characterise(
         source: format!("traced by camrig {}", env!("CARGO_PKG_VERSION")),
         principal_distance_mm: picture.principal_distance_mm,
         working_f_number: (0.25 * (PI / reference.middle_sr - 1.0)).sqrt(),
-        transmittance: Spectrum::constant(1.0),
+        // Of light that comes from another medium, radiance over n² stays the same.
+        transmittance: Spectrum::constant(system.paraxial.object_index.powi(-2)),
         wavelengths_nm: plan.wavelengths_nm.clone(),
         x_mm: axis(x),
         y_mm: axis(y),
