@@ -23,7 +23,6 @@ mod declare;
 
 pub use context::Context;
 pub(crate) use context::beside;
-use declare::same;
 pub(crate) use declare::{catalogue, effect};
 
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
@@ -54,6 +53,11 @@ impl Domain {
             Self::Charge => "charge",
             Self::Voltage => "voltage",
         }
+    }
+
+    /// Whether its signals are in the range of light ([`Arith::Light`]), else in that of charge.
+    pub(crate) const fn is_of_light(self) -> bool {
+        matches!(self, Self::Light | Self::Photo)
     }
 }
 
@@ -177,12 +181,6 @@ pub const MAX_PARAMETERS: usize = 9;
 /// Words (f32) of the tables of all empirical effects of a sensor: 4 KiB; none in a build without
 /// them.
 pub const MAX_TABLE: usize = if cfg!(feature = "empirical") { 1024 } else { 0 };
-
-/// Whether an effect may act on light or photo-electrons, or else on charge or voltage.
-const fn acts_in(entry: &Entry, light: bool) -> bool {
-    let is_of_light = matches!(entry.domain, Domain::Light | Domain::Photo);
-    is_of_light == light || (light && same(entry.kind, "empirical"))
-}
 
 /// A text of the catalogue with the feature `texts`, else an empty one.
 const fn text(text: &'static str) -> &'static str {

@@ -101,8 +101,9 @@ pub struct Pipeline<'a, A: Arith> {
 
 /// The previous frame, up to the effect that remembers it.
 struct Before<'a, S> {
-    /// Number of effects before that one.
+    /// Number of effects before that one, and its level in the chain.
     links: usize,
+    level: usize,
     /// Exposure of the previous frame over that of this one.
     exposure_ratio: f32,
     run: Run<'a, S>,
@@ -225,41 +226,6 @@ fn inputs<'r, S>(
     Inputs { above, here, below, previous }
 }
 
-impl<S: Copy> Before<'_, S> {
-    /// The row's light as the effect that remembers it would have found it in the previous frame.
-    #[inline(always)]
-    fn light<A: Arith<Signal = S>>(
-        &mut self,
-        chain: &[Link],
-        row: u32,
-        source: &mut (impl MeanRows<A> + ?Sized),
-    ) -> &[Block<S>] {
-        let chain = chain.get(..self.links).unwrap_or_default();
-        let ratio = self.exposure_ratio;
-        for (level, row) in self.run.steps(row) {
-            let cx = Context { row, ..self.run.cx };
-            let Some(at) = self.run.at(level, row) else { continue };
-            if at.beside.is_none() {
-                source.previous_mean_row(row, at.out);
-                if ratio != 1.0 {
-                    for e in at.out.as_flattened_mut() {
-                        *e = A::Light::times(*e, ratio);
-                    }
-                }
-            }
-            for (_, link) in of_level(chain, level) {
-                let inputs = inputs(link.effect.entry().needs, at.beside, &[]);
-                let cx = link.context(&cx);
-                link.effect.apply::<A::Light, true>(&cx, &inputs, at.out);
-            }
-            if let Some(held) = at.held {
-                *held = Some(row);
-            }
-        }
-        self.run.row
-    }
-}
-
 /// The links of a level, those between two windows, with their places in the chain.
 #[inline(always)]
 fn of_level(chain: &[Link], level: usize) -> impl Iterator<Item = (usize, &Link)> {
@@ -349,6 +315,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             let previous = settings.previous();
             before = Some(Before {
                 links,
+                level: windows(effects),
                 exposure_ratio: previous.exposure_s / settings.exposure_s,
                 run: Run::new(context(config, &previous, &chain), effects, len, &mut memory)?,
             });
@@ -366,36 +333,45 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         }
         let Self { config, chain, light, now, before } = self;
         for (level, row) in now.steps(row) {
-            let cx = Context { row, ..now.cx };
-            let Some(at) = now.at(level, row) else { continue };
-            let (beside, out) = (at.beside, at.out);
-            if beside.is_none() {
-                source.mean_row(row, out);
-                if *light == 0 {
-                    hold::<A>(out);
-                }
-            }
-            for (i, link) in of_level(chain, level) {
-                let needs = link.effect.entry().needs;
-                let previous: &[_] = match before {
-                    Some(before) if needs == Needs::PreviousFrame => {
-                        before.light(chain, row, source)
+            // What the previous frame left in the row comes first.
+            let remembers = before.as_ref().filter(|before| before.level == level);
+            let of_before = remembers.map(|before| before.run.steps(row)).into_iter().flatten();
+            let steps = of_before.map(|step| (true, step)).chain([(false, (level, row))]);
+            for (is_before, (level, row)) in steps {
+                let (run, previous, links, ratio): (_, &[_], _, _) = match before {
+                    Some(before) if is_before => {
+                        (&mut before.run, &[], before.links, Some(before.exposure_ratio))
                     }
-                    _ => &[],
+                    Some(before) => (&mut *now, &*before.run.row, chain.len(), None),
+                    None => (&mut *now, &[], chain.len(), None),
                 };
-                let inputs = inputs(needs, beside, previous);
-                let cx = link.context(&cx);
-                if i < *light {
-                    link.effect.apply::<A::Light, true>(&cx, &inputs, out);
-                } else {
-                    link.effect.apply::<A, false>(&cx, &inputs, out);
+                let cx = Context { row, ..run.cx };
+                let Some(At { out, held, beside }) = run.at(level, row) else { continue };
+                if beside.is_none() {
+                    match ratio {
+                        Some(ratio) => {
+                            source.previous_mean_row(row, out);
+                            for e in out.as_flattened_mut() {
+                                *e = A::Light::times(*e, ratio);
+                            }
+                        }
+                        None => source.mean_row(row, out),
+                    }
+                    if *light == 0 {
+                        hold::<A>(out);
+                    }
                 }
-                if i + 1 == *light {
-                    hold::<A>(out);
+                for (i, link) in of_level(chain, level).take_while(|(i, _)| *i < links) {
+                    let inputs = inputs(link.effect.entry().needs, beside, previous);
+                    let cx = link.context(&cx);
+                    link.effect.apply::<A>(&cx, &inputs, out);
+                    if i + 1 == *light {
+                        hold::<A>(out);
+                    }
                 }
-            }
-            if let Some(held) = at.held {
-                *held = Some(row);
+                if let Some(held) = held {
+                    *held = Some(row);
+                }
             }
         }
         let gain = now.cx.dn_per_e;

@@ -75,7 +75,8 @@ pub struct Lanes {
 }
 
 impl Lanes {
-    #[inline(always)]
+    #[cfg_attr(target_os = "none", inline(never))]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     fn new(key: u64) -> Self {
         let mut s = [[0; LANES]; 4];
         for j in 0..LANES {
@@ -91,7 +92,8 @@ impl Lanes {
     }
 
     /// The next 32 bits of each lane.
-    #[inline(always)]
+    #[cfg_attr(target_os = "none", inline(never))]
+    #[cfg_attr(not(target_os = "none"), inline(always))]
     pub fn draw(&mut self) -> [u32; LANES] {
         let mut out = [0; LANES];
         let [s0, s1, s2, s3] = &mut self.s;

@@ -56,7 +56,8 @@ const COARSE_BITS: u32 = 15;
 const COARSE_FROM: i64 = 1 << (20 + SIGNAL_BITS);
 
 /// The light of a code, in steps of 2⁻¹² e⁻.
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn light_of(code: i32) -> i64 {
     let code = i64::from(code);
     let (fine, medium) = (i64::from(FINE_TO), i64::from(MEDIUM_TO));
@@ -65,7 +66,8 @@ fn light_of(code: i32) -> i64 {
 }
 
 /// The code of light in steps of 2⁻¹² e⁻: the nearest, saturated.
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn code_of(light: i64) -> i32 {
     let above = |from: i64, bits: u32| (light - from + (1 << (bits - 1))) >> bits;
     if light < i64::from(FINE_TO) {
@@ -78,7 +80,8 @@ fn code_of(light: i64) -> i32 {
 }
 
 /// x m 2^-bits, rounded and saturated, for x of less than 2⁴⁶ and m of less than 2³¹.
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn mul_long(x: i64, m: i32, bits: u32) -> i64 {
     let (high, low) = (x >> 16, x & 0xffff);
     let m = i64::from(m);
@@ -101,16 +104,32 @@ fn round_even(x: i64, bits: u32) -> i64 {
     (x + half - 1 + ((x >> bits) & 1)) >> bits
 }
 
-#[inline(always)]
-fn normals_of(a: &[u32; LANES], b: &[u32; LANES]) -> Block<I4F28> {
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
+fn normals_of(lanes: &mut Lanes) -> Block<I4F28> {
+    let (a, b) = (lanes.draw(), lanes.draw());
     let mut out = [I4F28::ZERO; BLOCK];
     let (cosines, sines) = out.split_at_mut(LANES);
-    for (((&a, &b), c), s) in a.iter().zip(b).zip(cosines).zip(sines) {
+    for (((&a, &b), c), s) in a.iter().zip(&b).zip(cosines).zip(sines) {
         let pair = integer::box_muller(a, b);
         *c = I4F28::from_bits(pair.0);
         *s = I4F28::from_bits(pair.1);
     }
     out
+}
+
+/// A Poisson count for a mean, both in steps of 2⁻¹² e⁻, from a uniform or a normal number.
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
+fn count_of(mean: i64, uniform: u32, normal: i32) -> i64 {
+    let count = if mean < i64::from(integer::EXPANSION_FROM << SIGNAL_BITS) {
+        integer::inversion(mean.max(0) as u32, uniform).into()
+    } else if mean < i64::from(FINE_TO) {
+        integer::expansion(mean as u32, normal).into()
+    } else {
+        integer::expansion_of_many(mean as u64, normal)
+    };
+    count << SIGNAL_BITS
 }
 
 impl<const LIGHT: bool> FixedIn<LIGHT> {
@@ -217,8 +236,7 @@ impl<const LIGHT: bool> Arith for FixedIn<LIGHT> {
 
     #[inline(always)]
     fn normals(lanes: &mut Lanes) -> Block<I4F28> {
-        let (a, b) = (lanes.draw(), lanes.draw());
-        normals_of(&a, &b)
+        normals_of(lanes)
     }
 
     #[inline(always)]
@@ -226,18 +244,9 @@ impl<const LIGHT: bool> Arith for FixedIn<LIGHT> {
         for mean in means {
             let uniform =
                 counts.uniform.as_mut().map_or([[0; LANES]; 2], |l| [l.draw(), l.draw()]);
-            let normal = counts.normal.as_mut().map_or([I4F28::ZERO; BLOCK], Self::normals);
+            let normal = counts.normal.as_mut().map_or([I4F28::ZERO; BLOCK], normals_of);
             for ((m, &word), normal) in mean.iter_mut().zip(uniform.as_flattened()).zip(normal) {
-                let lambda = m.to_bits().max(0) as u32;
-                let count = if lambda < integer::EXPANSION_FROM << SIGNAL_BITS {
-                    integer::inversion(lambda, word).into()
-                } else if Self::is_fine(*m) {
-                    integer::expansion(lambda, normal.to_bits()).into()
-                } else {
-                    integer::expansion_of_many(Self::steps(*m) as u64, normal.to_bits())
-                };
-                let most = if LIGHT { i64::MAX >> SIGNAL_BITS } else { (1 << 19) - 1 };
-                *m = Self::of_steps(count.min(most) << SIGNAL_BITS);
+                *m = Self::of_steps(count_of(Self::steps(*m), word, normal.to_bits()));
             }
         }
     }

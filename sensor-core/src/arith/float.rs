@@ -34,7 +34,8 @@ fn clamp(x: f32, low: f32, high: f32) -> f32 {
 
 /// Cornish-Fisher expansion of the Poisson quantile to third order, floor of
 /// q = λ + √λ w + (2+w²)/6 − (w/36 + w³/72)/√λ + (−8/405 + 7w²/810 + w⁴/270)/λ, w standard normal.
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
     let normals = normals_of(words);
     for i in 0..BLOCK {
@@ -60,7 +61,8 @@ fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
 const NEGLIGIBLE: f32 = 1.0 / 8_589_934_592.0;
 
 /// Inversion: the smallest count whose distribution function reaches u.
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn inversion(mean: &mut Block<f32>, words: &Block<u32>) {
     let mut count = [0.0; BLOCK];
     let mut term = [0.0; BLOCK];
@@ -99,7 +101,8 @@ fn words(lanes: &mut Lanes) -> Block<u32> {
     out
 }
 
-#[inline(always)]
+#[cfg_attr(target_os = "none", inline(never))]
+#[cfg_attr(not(target_os = "none"), inline(always))]
 fn normals_of(words: &Block<u32>) -> Block<f32> {
     let mut out = [0.0; BLOCK];
     for i in 0..LANES {

@@ -142,10 +142,9 @@ macro_rules! catalogue {
                 }
             }
 
-            /// Runs a stage: with `LIGHT` one of light or photo-electrons, else one of charge or
-            /// voltage. Stages are compiled for the range that they act in alone.
+            /// Runs a stage in the range of its domain.
             #[inline(always)]
-            pub(crate) fn apply<A: Arith, const LIGHT: bool>(
+            pub(crate) fn apply<A: Arith>(
                 &self,
                 cx: &Context<'_>,
                 inputs: &Inputs<'_, A::Signal>,
@@ -155,7 +154,9 @@ macro_rules! catalogue {
                     $(
                         $(#[cfg(feature = $feature)])?
                         Effect::$name(e) => {
-                            if const { acts_in(&$module::$name::ENTRY, LIGHT) } {
+                            if const { $module::$name::ENTRY.domain.is_of_light() } {
+                                e.apply::<A::Light>(cx, inputs, row);
+                            } else {
                                 e.apply::<A>(cx, inputs, row);
                             }
                         }

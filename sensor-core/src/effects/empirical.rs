@@ -11,7 +11,6 @@ use super::{Class, Context, Domain, Inputs, MAX_TABLE, Stage, effect};
 use crate::arith::{Arith, BLOCK, Block};
 use crate::effects::dark_current::growth;
 use crate::math;
-use crate::stream::Lanes;
 use curve::Curve;
 use field::Field;
 
@@ -255,6 +254,7 @@ impl Empirical {
         mut field: Field<'_>,
     ) {
         let quantity = self.quantity();
+        let of_light = self.domain().is_of_light();
         let scale = match quantity {
             Quantity::Dark => {
                 self.amount * cx.exposure_s * growth(cx, self.reference_c, self.doubling_c)
@@ -266,9 +266,10 @@ impl Empirical {
         for (b, block) in row.iter_mut().enumerate() {
             let values = field.block::<A>(cx, b).map(|f| scale * f);
             if quantity == Quantity::Gain {
-                block.iter_mut().zip(values).for_each(|(v, f)| {
-                    *v = A::times(*v, 1.0 + f);
-                });
+                for (v, f) in block.iter_mut().zip(values) {
+                    let times = if of_light { A::Light::times } else { A::times };
+                    *v = times(*v, 1.0 + f);
+                }
                 continue;
             }
             let mut values = values.map(A::signal);
@@ -302,14 +303,6 @@ impl Empirical {
         let ratio = mean / self.signal_e;
         if ratio > MIN_RATIO { math::pow(ratio, self.on_signal) } else { 0.0 }
     }
-}
-
-/// Standard normal numbers for a block. On a microcontroller all shapes share one copy, for the
-/// sake of its flash.
-#[cfg_attr(target_os = "none", inline(never))]
-#[cfg_attr(not(target_os = "none"), inline(always))]
-fn normals<A: Arith>(lanes: &mut Lanes) -> Block<A::Factor> {
-    A::normals(lanes)
 }
 
 /// Share of the reference signal below which noise that grows with it is none: `math::pow` needs a

@@ -7,7 +7,7 @@
 //! and ∫(1 − h/ℓ)₊ (ℓ/L²) e^(−ℓ/L) dℓ = e^(−h/L): with ℓ of the law Gamma(2, L) the covariance
 //! is exact. Three of these over √3 make the law of differences nearly normal.
 
-use super::{Context, normals};
+use super::Context;
 use crate::arith::{Arith, BLOCK, Block};
 use crate::effects::context::{normal, unit};
 use crate::effects::words;
@@ -73,7 +73,7 @@ fn taps_along<A: Arith>(cx: &Context<'_>, row: &mut [Block<A::Signal>], taps: [f
         // The last of the block before come first.
         white.rotate_left(BLOCK);
         let fresh = white.iter_mut().skip(BEFORE);
-        fresh.zip(normals::<A>(&mut lanes)).for_each(|(w, z)| *w = A::number(z));
+        fresh.zip(A::normals(&mut lanes)).for_each(|(w, z)| *w = A::number(z));
         let Some(block) = n.checked_sub(1).and_then(|n| row.get_mut(n)) else { continue };
         for (v, near) in block.iter_mut().zip(white.windows(TAPS)) {
             let sum = near.iter().rev().zip(taps).fold(0.0, |sum, (w, tap)| sum + tap * w);
@@ -87,7 +87,7 @@ fn taps_down<A: Arith>(cx: &Context<'_>, row: &mut [Block<A::Signal>], taps: [f3
         let mut lanes = cx.per_pixel_and_frame_of(0, cx.row.wrapping_sub(back));
         let tap = A::signal(tap);
         for block in row.iter_mut() {
-            for (v, z) in block.iter_mut().zip(normals::<A>(&mut lanes)) {
+            for (v, z) in block.iter_mut().zip(A::normals(&mut lanes)) {
                 *v = A::add(*v, A::scale(tap, z));
             }
         }

@@ -1,7 +1,7 @@
 //! Fixed patterns: a value for each pixel of the frame.
 
 use super::curve::Curve;
-use super::{Context, Shape, normals, since_start};
+use super::{Context, Shape, since_start};
 use crate::arith::{Arith, BLOCK};
 use crate::math;
 use crate::stream::Lanes;
@@ -129,7 +129,7 @@ impl<'a> Field<'a> {
                 }
             }
             Self::Distribution(curve, lanes) => {
-                for (out, z) in out.iter_mut().zip(normals::<A>(lanes)) {
+                for (out, z) in out.iter_mut().zip(A::normals(lanes)) {
                     *out = curve.at(A::number(z))[1];
                 }
             }

@@ -2,7 +2,7 @@
 //! signal.
 
 use super::curve::Curve;
-use super::{Context, Empirical, Shape, normals};
+use super::{Context, Empirical, Shape};
 use crate::arith::{Arith, BLOCK, Block};
 use crate::effects::context::normal;
 
@@ -22,7 +22,7 @@ pub(super) fn add<A: Arith>(
             let sigma = scale * at(cx.row as usize);
             let (sigma, mut lanes) = (A::signal(sigma), cx.per_column_and_frame(0));
             for block in row {
-                for (v, z) in block.iter_mut().zip(normals::<A>(&mut lanes)) {
+                for (v, z) in block.iter_mut().zip(A::normals(&mut lanes)) {
                     *v = A::add(*v, A::scale(sigma, z));
                 }
             }
