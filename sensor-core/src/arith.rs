@@ -125,12 +125,12 @@ pub trait Arith: sealed::Sealed + Copy + Send + Sync + 'static {
         first: f32,
         step: f32,
     ) -> [Self::Weight; 16];
-    /// sum += mantissa * 2^exponent * weight, e⁻, for 16 pixels that share an exponent.
-    fn accumulate(
-        sum: &mut [Self::Sum; 16],
-        mantissa: &[u16; 16],
+    /// sum += mantissa * 2^exponent * weight, e⁻, for pixels that share an exponent.
+    fn accumulate<const N: usize>(
+        sum: &mut [Self::Sum; N],
+        mantissa: &[u16; N],
         exponent: i32,
-        weight: &[Self::Weight; 16],
+        weight: &[Self::Weight; N],
     );
     /// The accumulated mean photo-electrons as a signal of [`Self::Light`].
     fn collected(sum: Self::Sum) -> Self::Signal;

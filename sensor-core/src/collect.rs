@@ -8,7 +8,8 @@
 use crate::arith::Arith;
 use crate::config::{ConfigError, FrameSettings, MAX_PATTERN, SensorConfig};
 use crate::crosstalk::{Crosstalk, MAX_NODES, place};
-use crate::spectral::{BandRow, GROUP, is_wide, parts, power_of_two};
+use crate::spectral::{BandRow, GROUP, is_wide, plain, power_of_two};
+use core::array::{from_mut, from_ref};
 use core::borrow::Borrow;
 
 /// Sums of a group of pixels that share an exponent.
@@ -40,8 +41,9 @@ fn add<A: Arith>(
     weights: &Sums<A::Weight>,
 ) {
     if is_wide(exponent) {
-        for (exponent, mantissas) in parts(exponent, mantissas) {
-            A::accumulate(sums, &mantissas, exponent + scale, weights);
+        for ((sum, &mantissa), weight) in sums.iter_mut().zip(mantissas).zip(weights) {
+            let (mantissa, exponent) = plain(exponent, mantissa);
+            A::accumulate(from_mut(sum), &[mantissa], exponent + scale, from_ref(weight));
         }
     } else {
         A::accumulate(sums, mantissas, i32::from(exponent) + scale, weights);

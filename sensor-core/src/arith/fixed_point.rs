@@ -272,7 +272,12 @@ impl<const LIGHT: bool> Arith for FixedIn<LIGHT> {
     }
 
     #[inline(always)]
-    fn accumulate(sum: &mut [u64; 16], mantissa: &[u16; 16], exponent: i32, weight: &[u32; 16]) {
+    fn accumulate<const N: usize>(
+        sum: &mut [u64; N],
+        mantissa: &[u16; N],
+        exponent: i32,
+        weight: &[u32; N],
+    ) {
         let shift = exponent + SUM_BITS as i32 - WEIGHT_BITS as i32;
         let parts = sum.iter_mut().zip(mantissa).zip(weight);
         if shift < 0 {

@@ -231,9 +231,14 @@ impl<const LIGHT: bool> Arith for FloatIn<LIGHT> {
     }
 
     #[inline(always)]
-    fn accumulate(sum: &mut [f32; 16], mantissa: &[u16; 16], exponent: i32, weight: &[f32; 16]) {
+    fn accumulate<const N: usize>(
+        sum: &mut [f32; N],
+        mantissa: &[u16; N],
+        exponent: i32,
+        weight: &[f32; N],
+    ) {
         let unit = power_of_two(exponent);
-        for i in 0..16 {
+        for i in 0..N {
             sum[i] += f32::from(mantissa[i]) * unit * weight[i];
         }
     }
