@@ -58,6 +58,47 @@ fn variants() -> impl Iterator<Item = RawFrame> {
     [10, 12, 14, 16].into_iter().flat_map(|bits| BAYER.map(|cfa| frame(bits, cfa)))
 }
 
+/// All codes of 12 bits, companded as AMD's Vitis `hdr_decompand` and TI's ISPs expect it, with its
+/// published inverse, of which 16 bits are kept.
+fn companded() -> (RawFrame, DngInfo) {
+    let linear = |c: u32| match c {
+        0..512 => 4 * c,
+        512..1408 => 16 * (c - 384),
+        1408..2176 => 64 * (c - 1152),
+        _ => 512 * (c - 2048),
+    };
+    let raw = RawFrame { height: 64, data: (0..4096).collect(), ..frame(12, "RGGB") };
+    let linearization = (0..4096).map(|c| (linear(c) >> 4) as u16).collect();
+    let black_levels_dn = vec![10.5; 4];
+    (raw, DngInfo { linearization, black_levels_dn, ..info() })
+}
+
+#[test]
+fn dcraw_libraw_and_our_reader_undo_a_curve() {
+    let (raw, info) = companded();
+    let (_folder, path) = file("a.dng", &dng::encode(&raw, &info).unwrap());
+    let own = decode(&std::fs::read(&path).unwrap()).unwrap();
+    assert_eq!(own.planes[0].data, info.linearization);
+    let white = info.linearization[usize::from(raw.white_level_dn)];
+    let facts = &own.facts;
+    assert_eq!(
+        (facts.bits, facts.black_level_dn, facts.white_level_dn),
+        (Some(16), Some(10.5), Some(white))
+    );
+    if let Some(dcraw) = client("dcraw") {
+        let pgm = run(&dcraw, &[&"-D", &"-4", &"-c", &path]);
+        assert_eq!(decode(&pgm).unwrap().planes[0].data, info.linearization);
+    }
+    if let Some(python) = client("rawpy") {
+        let script = "import rawpy, sys; raw = rawpy.imread(sys.argv[1]).raw_image_visible; \
+                      sys.stdout.buffer.write(raw.astype('<u2').tobytes())";
+        let bytes = run(&python, &[&"-c", &script, &path]);
+        let samples: Vec<u16> =
+            bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+        assert_eq!(samples, info.linearization);
+    }
+}
+
 #[test]
 fn dcraw_reads_every_sample() {
     let Some(dcraw) = client("dcraw") else { return };

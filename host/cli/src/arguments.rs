@@ -43,6 +43,10 @@ pub struct CameraArgs {
     /// Which noise frames have
     #[arg(long, value_name = "NOISE", default_value = "all", value_parser = kept_noise())]
     noise: KeptNoise,
+    /// Of a sensor that reads each pixel several times, only the capture of this name, as a sensor
+    /// of its own
+    #[arg(long, value_name = "NAME")]
+    capture: Option<String>,
 }
 
 impl CameraArgs {
@@ -50,12 +54,19 @@ impl CameraArgs {
     pub fn load(&self) -> Result<Camera> {
         let mut camera = self.changes.load(&self.camera)?;
         camera.keep_noise(self.noise);
-        Ok(camera)
+        let Some(name) = &self.capture else { return Ok(camera) };
+        let position = camera.sensor.hdr.as_ref().map(|hdr| hdr.position(name)).transpose()?;
+        let capture = position.and_then(|position| camera.of_capture(position));
+        capture.ok_or_else(|| {
+            Error::input(format!("--capture {name} of a sensor with one capture"))
+                .help("omit it: the camera's file has no [sensor.hdr]")
+        })
     }
 
     /// The name of an unchanged preset; `None` for a file or a changed preset.
     pub fn preset(&self) -> Option<&str> {
-        let unchanged = self.changes.set.is_empty() && self.noise == KeptNoise::All;
+        let unchanged =
+            self.changes.set.is_empty() && self.noise == KeptNoise::All && self.capture.is_none();
         (is_preset(&self.camera) && unchanged).then_some(&self.camera)
     }
 }

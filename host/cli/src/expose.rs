@@ -3,12 +3,13 @@
 use super::arguments::{self, CameraArgs, FrameArgs, positive};
 use super::notes::Notes;
 use super::scene_lights::NextLight;
-use super::simulate::{expose_frames, light_of, noise_row};
+use super::simulate::{light_of, noise_row};
+use super::taking::{self, Sensor, Subject, expose_frames};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_light::Illuminant;
-use camrig_render::{self as render, SimulatedSensor};
+use camrig_render as render;
 use camrig_report::simulation;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -52,9 +53,9 @@ pub fn checked(
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let mut sink = args.frames.sink()?;
     args.frames.readout.refuse_charge()?;
     let mut camera = args.camera.load()?;
+    let mut sink = args.frames.sink(taking::per_exposure(&camera))?;
     camera.first_frame = args.frames.first_number();
     let mut notes = Notes::default();
     let cube = open(&args.irradiance, &camera, &mut notes)?;
@@ -68,16 +69,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
-    let sensor = SimulatedSensor::in_light(&camera, &cube.header, factor)?;
-    let exposure_s = args.frames.exposure_s(&camera, &sensor, &cube)?;
-    let of = (&camera, &sensor, exposure_s);
-    expose_frames(
-        &args.frames,
-        of,
-        (&cube, &mut |_, _| Ok(NextLight::Same)),
-        light.as_ref(),
-        &mut sink,
-    )?;
+    let sensor = Sensor::in_light(&camera, &cube.header, factor)?;
+    let exposure_s = args.frames.exposure_s(&camera, sensor.first(), &cube)?;
+    let (illuminant, first) = (light.as_ref(), &cube);
+    let subject = Subject { camera: &camera, sensor: &sensor, exposure_s, illuminant, first };
+    expose_frames(&args.frames, &subject, &mut |_, _| Ok(NextLight::Same), &mut sink)?;
     let mut header = cube.header.clone();
     header.lux = args.lux.or(header.lux);
     let mut made_of = vec![("irradiance of", header.made_of.clone())];

@@ -49,6 +49,14 @@ pub struct FrameSink {
     report: Option<(OutputFile, simulation::Frames)>,
 }
 
+/// Which frame it is: of which exposure, and of which of its captures if there are several.
+pub struct Named<'a> {
+    /// Number of the exposure.
+    pub number: u32,
+    /// Name of the capture.
+    pub name: Option<&'a str>,
+}
+
 impl FrameArgs {
     /// The kind of file; `None` for a directory.
     fn kind(&self) -> Result<Option<Kind>> {
@@ -68,13 +76,13 @@ impl FrameArgs {
         }
     }
 
-    /// Opens the output.
-    pub fn sink(&self) -> Result<FrameSink> {
+    /// Opens the output of a camera that sends so many frames of an exposure.
+    pub fn sink(&self, per_exposure: u32) -> Result<FrameSink> {
         if self.bracket.iter().any(|ev| !(-32.0..=32.0).contains(ev)) {
             let help = "use steps of -32 to 32 EV, such as -2,0,2";
             return Err(Error::input("--bracket").help(help));
         }
-        let several = self.count() > 1;
+        let several = self.count() > 1 || per_exposure > 1;
         let (kind, live) = (self.kind()?, LiveOutput::is_stream(&self.output));
         let packets = kind == Some(Kind::Raw(Format::Csi2));
         let (kind, place) = match kind {
@@ -96,7 +104,7 @@ impl FrameArgs {
             Some(Kind::Picture | Kind::Raw(Format::Dng | Format::Png)) if several => {
                 let frames = match self.count() {
                     u32::MAX => "all frames of a sequence".into(),
-                    count => format!("{count} frames"),
+                    count => format!("{} frames", count * per_exposure),
                 };
                 let what = format!("{frames} into {}", self.output.display());
                 return Err(Error::unsupported(what).help(
@@ -144,6 +152,12 @@ impl FrameSink {
 
     /// Writes the next frame.
     pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
+        let number = self.count as u32;
+        self.write_named(&Named { number, name: None }, frame, info)
+    }
+
+    /// Writes a frame of an exposure.
+    pub fn write_named(&mut self, is: &Named<'_>, frame: &RawFrame, info: &DngInfo) -> Result<()> {
         let number = self.count;
         let encoded = || match &self.kind {
             Kind::Picture => {
@@ -163,7 +177,10 @@ impl FrameSink {
                 name = self.path.display().to_string();
             }
             Place::Directory(directory) => {
-                let file = format!("{number:04}.dng");
+                let file = match is.name {
+                    None => format!("{:04}.dng", is.number),
+                    Some(name) => format!("{:04}-{name}.dng", is.number),
+                };
                 directory.write(Path::new(&file), &encoded()?)?;
                 name = self.path.join(file).display().to_string();
             }

@@ -58,6 +58,7 @@ mod signals;
 mod simulate;
 mod stdout;
 mod stop;
+mod taking;
 mod times;
 mod validate;
 mod view;

@@ -55,6 +55,11 @@ impl ReadoutArgs {
         Readout { region: self.roi, binning: digital.map(|binning| binning.n) }
     }
 
+    /// Whether pixels are combined.
+    pub fn bins(&self) -> bool {
+        self.binning.is_some()
+    }
+
     /// Whether charges are summed.
     pub fn adds_charge(&self) -> bool {
         self.binning.is_some_and(|binning| binning.charge)

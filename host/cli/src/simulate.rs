@@ -1,21 +1,17 @@
 //! `camrig simulate`: scene to raw.
 
 use super::arguments::{self, FrameArgs, frames_per_s};
-use super::frame_sink::FrameSink;
 use super::notes::Notes;
-use super::scene_lights::{NextLight, SceneLights};
+use super::scene_lights::SceneLights;
+use super::taking::{self, Sensor, Subject, expose_frames};
 use super::times::TimeArgs;
 use super::view_args::ViewArgs;
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
-use camrig_exposure::{CubeHeader, IrradianceCube};
-use camrig_light::Illuminant;
+use camrig_exposure::CubeHeader;
 use camrig_optics::{Misplaced, NodeReport};
-use camrig_render::SimulatedSensor;
-use camrig_render::{self as render, OpticsOutput};
+use camrig_render::OpticsOutput;
 use camrig_report::simulation;
-use camrig_rig::SensorStage;
-use camrig_sensor_core::config::FrameSettings;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -68,13 +64,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         ));
     }
     let frames = FrameArgs { until_over, ..args.frames.clone() };
-    let mut sink = frames.sink()?;
     let readout = &frames.readout;
     if readout.adds_charge() && args.view.motion.is_some() {
         return Err(Error::unsupported("charge binning of a moving scene")
             .help("bin digitally, or omit --motion: its pixels are single ones"));
     }
     let mut camera = readout.camera(args.view.camera.load()?)?;
+    let mut sink = frames.sink(taking::per_exposure(&camera))?;
     camera.first_frame = frames.first_number();
     let times = args.time.times(&camera, args.fps)?;
     let told = Notes::default();
@@ -95,11 +91,18 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
         cube.save(path, frames.force)?;
     }
-    let sensor = SimulatedSensor::new(&camera, &cube.header)?;
-    let exposure_s = frames.exposure_s(&camera, &sensor, &cube)?;
-    let of = (&camera, &sensor, exposure_s);
+    let sensor = Sensor::in_light(&camera, &cube.header, 1.0)?;
+    if matches!(sensor, Sensor::Several(_)) && lights.change_within_frames() {
+        return Err(Error::unsupported(
+            "several windows in one frame of light that changes with time",
+        )
+        .help("use steady light, or simulate one capture with --capture"));
+    }
+    let exposure_s = frames.exposure_s(&camera, sensor.first(), &cube)?;
+    let (illuminant, first) = (light.as_ref(), &cube);
+    let subject = Subject { camera: &camera, sensor: &sensor, exposure_s, illuminant, first };
     let mut next = |frame, exposure_s| lights.next(frame, exposure_s, &cube);
-    let taken = expose_frames(&frames, of, (&cube, &mut next), light.as_ref(), &mut sink)?;
+    let taken = expose_frames(&frames, &subject, &mut next, &mut sink)?;
     lights.tell_end(taken, frames.frames);
     let mut made_of = vec![
         ("scene", args.view.scene.clone()),
@@ -179,87 +182,4 @@ pub fn light_of(header: &CubeHeader) -> Vec<(&'static str, String)> {
 /// Which noise the frames have if not all of it, for a report.
 pub fn noise_row(camera: &Camera) -> Option<(&'static str, String)> {
     camera.sensor.kept_noise.note().map(|note| ("noise", note.to_string()))
-}
-
-/// The light of frames 0, 1, ... at their exposures, s.
-pub type Lights<'a> = dyn FnMut(u32, f64) -> Result<NextLight> + 'a;
-
-/// Takes and writes the frames of a camera; returns how many. `exposure_s` is the exposure before
-/// bracketing; `first` is the irradiance of the first frame, and `next` computes it for frames
-/// whose irradiance differs.
-pub fn expose_frames(
-    args: &FrameArgs,
-    (camera, sensor, exposure_s): (&Camera, &SimulatedSensor, f64),
-    (first, next): (&IrradianceCube, &mut Lights<'_>),
-    illuminant: Option<&Illuminant>,
-    sink: &mut FrameSink,
-) -> Result<u64> {
-    let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
-    stage.on_broken_link(arguments::broken_link);
-    if let Some(held) = stage.cleared() {
-        eprintln!("note: cleared the rig's {held}, left by an earlier host");
-    }
-    stage.set_camera(sensor)?;
-    sink.set_camera(|| args.readout.figures(camera))?;
-    let bar = arguments::frames_bar(args.count());
-    let mut taken = 0;
-    // Irradiance of this frame and of the previous one, unless it is that of the first.
-    let (mut changed, mut before) = (None, None);
-    // Exposure of the frame before, s.
-    let mut previous: Option<f32> = None;
-    for i in 0..args.count() {
-        if sink.is_asked_to_stop() {
-            break;
-        }
-        let settings = args.settings(camera, exposure_s, i);
-        let mut same = true;
-        match next(i, settings.exposure_s.into())? {
-            NextLight::Same => {}
-            NextLight::Changed(cube) => {
-                before = changed.replace(cube);
-                same = false;
-            }
-            NextLight::Over => break,
-        }
-        let cube = changed.as_ref().unwrap_or(first);
-        let before = (i > 0).then(|| if same { cube } else { before.as_ref().unwrap_or(first) });
-        let mut take = |settings: &FrameSettings, (before, previous_s): (Option<_>, _)| {
-            let mut settings = *settings;
-            settings.previous_exposure_s = previous_s;
-            stage.frame(sensor, cube, before, &settings)
-        };
-        let frame = match args.hdr {
-            None => {
-                let previous_s = previous.replace(settings.exposure_s);
-                take(&settings, (before, previous_s))?
-            }
-            Some(hdr) => {
-                let [long, short] = hdr.frames(settings.frame);
-                let long = settings.with_frame(long);
-                let exposure_s = settings.exposure_s / hdr.ratio() as f32;
-                let short = settings.with_frame(short).with_exposure(exposure_s);
-                let last = previous.replace(settings.exposure_s);
-                let last_short = last.map(|s| s / hdr.ratio() as f32);
-                // What a pixel was exposed to before: one that is read twice, to the other of the
-                // two; others, to the same of the frame before.
-                let (first, second) = if hdr.reads_twice() {
-                    ((before, last_short), (Some(cube), Some(long.exposure_s)))
-                } else {
-                    ((before, last), (before, last_short))
-                };
-                let long = take(&long, first)?;
-                let short = take(&short, second)?;
-                hdr.interleave(&long, &short)?
-            }
-        };
-        let mut info =
-            render::frame_info(camera, &settings, illuminant, &cube.header, args.opcodes)?;
-        let readout = args.readout.readout();
-        info.pitch_um = info.pitch_um.map(|pitch| pitch * f64::from(readout.side()));
-        sink.write(&readout.of(frame)?, &info)?;
-        taken += 1;
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    Ok(taken)
 }

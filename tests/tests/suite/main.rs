@@ -16,6 +16,7 @@ mod file_circles;
 mod full_disk;
 mod glass_catalogues;
 mod guide;
+mod hdr_sensors;
 mod interfaces;
 mod lens;
 mod light_in_time;

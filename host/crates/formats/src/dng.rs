@@ -6,7 +6,7 @@
 //! only in an Exif IFD, are common. Samples are stored as uncompressed 16-bit words.
 
 use super::cfa_codes::color_code;
-use super::dng_info::{CARRIED, DngInfo, black_levels};
+use super::dng_info::{CARRIED, DngInfo, black_levels, linearized};
 use super::opcodes;
 use super::{Facts, check_range, preview};
 use camrig_base::{Error, RawFrame, Result};
@@ -89,7 +89,7 @@ fn write_raw(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
     let (width, height) = (frame.width as u32, frame.height as u32);
     let offset = d.write_data(&frame.data[..])?;
     write_image_tags(d, 0, [width, height], &[16], offset, frame.data.len() as u32 * 2)?;
-    put(d, 270, Ascii::new(&Facts::of(frame).note()))?; // ImageDescription
+    put(d, 270, Ascii::new(&Facts::of(&linearized(frame, info)).note()))?; // ImageDescription
     let cfa = &frame.cfa;
     if cfa.is_mono() {
         put(d, 262, 34892u16)?; // PhotometricInterpretation: LinearRaw
@@ -108,6 +108,9 @@ fn write_raw(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
         put(d, 50710, &planes[..])?; // CFAPlaneColor
         put(d, 50711, 1u16)?; // CFALayout: rectangular
     }
+    if !info.linearization.is_empty() {
+        put(d, 50712, &info.linearization[..])?; // LinearizationTable
+    }
     let black = black_levels(frame, info);
     put(d, 50713, [cfa.height as u16, cfa.width as u16])?; // BlackLevelRepeatDim
     if black.iter().all(|b| b.fract() == 0.0) {
@@ -116,7 +119,7 @@ fn write_raw(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
     } else {
         put(d, 50714, &black.iter().map(|&b| rational(b)).collect::<Vec<_>>()[..])?;
     }
-    put(d, 50717, u32::from(frame.white_level_dn))?; // WhiteLevel
+    put(d, 50717, u32::from(linearized(frame, info).white_level_dn))?; // WhiteLevel
     put(d, 50719, [0u32, 0])?; // DefaultCropOrigin
     put(d, 50720, [width, height])?; // DefaultCropSize
     put(d, 50829, [0, 0, height, width])?; // ActiveArea

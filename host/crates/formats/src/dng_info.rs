@@ -2,6 +2,7 @@
 
 use super::opcodes::Opcode;
 use camrig_base::RawFrame;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Fields of the main directory that belong to the colour matrices or to the exposure, which a
@@ -80,6 +81,9 @@ pub struct DngInfo {
     /// Numbers of further fields of the main directory, by tag: white and exposure as
     /// other programs wrote them, kept as they were read.
     pub carried: BTreeMap<u16, Vec<f64>>,
+    /// Linear value of each stored code, 16 bits, where codes are companded. Black levels are linear
+    /// values then.
+    pub linearization: Vec<u16>,
     /// Corrections of stored values (bad pixels).
     pub opcode_list1: Vec<Opcode>,
     /// Corrections of linear values before demosaicing (gain maps).
@@ -103,6 +107,7 @@ impl Default for DngInfo {
             noise_profile: Vec::new(),
             black_levels_dn: Vec::new(),
             carried: BTreeMap::new(),
+            linearization: Vec::new(),
             opcode_list1: Vec::new(),
             opcode_list2: Vec::new(),
         }
@@ -125,4 +130,18 @@ pub(super) fn black_levels(frame: &RawFrame, info: &DngInfo) -> Vec<f64> {
     } else {
         info.black_levels_dn.clone()
     }
+}
+
+/// The frame as its linearization table makes it; as it is without one.
+pub(super) fn linearized<'a>(frame: &'a RawFrame, info: &DngInfo) -> Cow<'a, RawFrame> {
+    let table = &info.linearization;
+    let Some(&end) = table.last() else { return Cow::Borrowed(frame) };
+    let linear = |dn: u16| table.get(usize::from(dn)).copied().unwrap_or(end);
+    Cow::Owned(RawFrame {
+        bits: 16,
+        black_level_dn: info.black_levels_dn.first().copied().unwrap_or(frame.black_level_dn),
+        white_level_dn: linear(frame.white_level_dn),
+        data: frame.data.iter().map(|&dn| linear(dn)).collect(),
+        ..frame.clone()
+    })
 }

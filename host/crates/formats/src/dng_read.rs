@@ -386,6 +386,7 @@ fn info(main: &Ifd, raw: &Ifd, taken_from: &[&Ifd]) -> DngInfo {
         color_matrices: color_matrices.collect(),
         as_shot_neutral: main.floats(50728).and_then(|v| v.try_into().ok()),
         noise_profile: noise.chunks_exact(2).map(|p| (p[0], p[1])).collect(),
+        linearization: Vec::new(), // the samples are linear now
         black_levels_dn: Vec::new(),
         carried: carried.collect(),
         opcode_list1: Vec::new(),

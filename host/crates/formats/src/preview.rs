@@ -4,7 +4,7 @@
 //! Brightness is as captured, the white level becoming white, or automatic ([`bright`]), as raw
 //! converters show a picture that nobody has developed yet.
 
-use super::dng_info::{DngInfo, black_levels};
+use super::dng_info::{DngInfo, black_levels, linearized};
 use camrig_base::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply, srgb_byte};
 use camrig_base::{Plane, RawFrame};
 use rayon::prelude::*;
@@ -19,6 +19,8 @@ const WHITE_SHARE: f64 = 0.01;
 /// Largest factor of automatic brightness: 4 EV. Beyond it a picture shows noise rather than the
 /// scene, and a dark frame stays dark.
 const MAX_BRIGHTENING: f64 = 16.0;
+/// The same of companded frames, whose white is that of the brightest lamp: 12 EV.
+const MAX_BRIGHTENING_COMPANDED: f64 = 4096.0;
 /// Levels of linear light in which the share of white pixels is counted.
 const LEVELS: usize = 65536;
 
@@ -31,7 +33,7 @@ pub fn render(frame: &RawFrame, info: &DngInfo) -> Plane<[u8; 3]> {
 /// in one channel, and the factor on linear light. Nothing is darkened.
 pub fn bright(frame: &RawFrame, info: &DngInfo) -> (Plane<[u8; 3]>, f64) {
     let linear = demosaiced(frame, info, |to_srgb, rgb| to_srgb.linear(rgb));
-    brightened(&linear)
+    brightened(&linear, info)
 }
 
 /// The frame as [`thumbnail`] shows it, brightened as [`bright`] does it, and the factor on linear
@@ -41,7 +43,7 @@ pub fn bright_thumbnail(
     info: &DngInfo,
     longest: usize,
 ) -> (Plane<[u8; 3]>, f64) {
-    brightened(&averaged(frame, info, longest, |to_srgb, rgb| to_srgb.linear(rgb)))
+    brightened(&averaged(frame, info, longest, |to_srgb, rgb| to_srgb.linear(rgb)), info)
 }
 
 /// What is said about the brightness of a picture, `factor` times that of the frame.
@@ -54,7 +56,7 @@ pub fn brightness_words(factor: f64) -> String {
 }
 
 /// A picture of linear sRGB with automatic brightness.
-fn brightened(linear: &Plane<[f64; 3]>) -> (Plane<[u8; 3]>, f64) {
+fn brightened(linear: &Plane<[f64; 3]>, info: &DngInfo) -> (Plane<[u8; 3]>, f64) {
     let white = (WHITE_SHARE * linear.data.len() as f64).ceil() as usize;
     let brightest = (0..3).map(|c| {
         let mut counts = vec![0usize; LEVELS];
@@ -69,7 +71,9 @@ fn brightened(linear: &Plane<[f64; 3]>) -> (Plane<[u8; 3]>, f64) {
         level.unwrap_or(0) as f64 / (LEVELS - 1) as f64
     });
     let brightest = brightest.fold(0.0, f64::max);
-    let factor = (1.0 / brightest.max(1.0 / MAX_BRIGHTENING)).max(1.0);
+    let most =
+        if info.linearization.is_empty() { MAX_BRIGHTENING } else { MAX_BRIGHTENING_COMPANDED };
+    let factor = (1.0 / brightest.max(1.0 / most)).max(1.0);
     let encode = |pixel: &[f64; 3]| pixel.map(|v| srgb_byte((v * factor).clamp(0.0, 1.0)));
     let data = linear.data.par_iter().map(encode).collect();
     (Plane { width: linear.width, height: linear.height, data }, factor)
@@ -82,6 +86,7 @@ fn demosaiced<T: Copy + Default + Send>(
     info: &DngInfo,
     encode: impl Fn(&ToSrgb, [f32; 3]) -> [T; 3] + Sync,
 ) -> Plane<[T; 3]> {
+    let frame = &*linearized(frame, info);
     let to_srgb = ToSrgb::new(frame, info);
     let signal: Vec<f32> = (0..frame.data.len())
         .map(|i| to_srgb.signal(frame, i % frame.width, i / frame.width))
@@ -131,6 +136,7 @@ fn averaged<T: Copy>(
     longest: usize,
     encode: impl Fn(&ToSrgb, [f32; 3]) -> [T; 3],
 ) -> Plane<[T; 3]> {
+    let frame = &*linearized(frame, info);
     let to_srgb = ToSrgb::new(frame, info);
     let cell = frame.cfa.width.max(frame.cfa.height);
     let longer = frame.width.max(frame.height);

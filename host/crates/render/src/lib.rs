@@ -64,7 +64,7 @@ pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX, MEAN_REFLECTANCE};
 pub use lighting::{SceneInLight, SceneIrradiance, SceneLight, radiance_at};
 pub use lighting::{scene_irradiance, scene_notes};
 pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
-pub use metadata::{dng_info, frame_info};
+pub use metadata::{describe_merged, dng_info, frame_info};
 pub use motion_stage::MotionStage;
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
 pub use reach::missing;

@@ -1,8 +1,10 @@
 //! What a raw file says about the camera that made it, computed from the camera's model.
 
 use super::corrections;
+use camrig_base::Cfa;
 use camrig_base::Result;
 use camrig_base::Spectrum;
+use camrig_camera::hdr::{Hdr, HdrOutput};
 use camrig_camera::{Camera, KeptNoise, LensKind};
 use camrig_exposure::CubeHeader;
 use camrig_formats::{ColorMatrix, DngInfo, color};
@@ -77,6 +79,23 @@ pub fn frame_info(
         (info.opcode_list1, info.opcode_list2) = (corrections.list1, corrections.list2);
     }
     Ok(info)
+}
+
+/// What the file of a merged frame says beyond [`frame_info`]: the linear value of each code of its
+/// curve, its upper 16 bits, and the black level on that scale. The noise of merged frames is not
+/// a profile's straight line.
+pub fn describe_merged(info: &mut DngInfo, hdr: &Hdr, cfa: &Cfa) {
+    info.noise_profile.clear();
+    info.black_levels_dn.clear();
+    let (HdrOutput::Companded, Some(companding)) = (hdr.output, &hdr.companding) else { return };
+    let parts = (hdr.merge.max_dn() + 1) >> 16;
+    let linear = |code: u32| {
+        let lowest = companding.lowest(code as u16).max(0) / i64::from(parts);
+        lowest.min(i64::from(u16::MAX)) as u16
+    };
+    info.linearization = (0..1u32 << companding.bits).map(linear).collect();
+    let black = f64::from(hdr.merge.pedestal_dn()) / f64::from(parts);
+    info.black_levels_dn = vec![black; cfa.width * cfa.height];
 }
 
 /// Black level of each cell of the colour filter pattern, DN, where an effect `black-level-offset`

@@ -61,6 +61,15 @@ fn names(file: &HdrFile) -> Vec<Error> {
             let what = format!("{} tables [[sensor.hdr.{table}]]", names.len());
             wrong.push(Error::input(what).help(format!("give {least} to {most}")));
         }
+        let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
+        if let Some(name) = names.iter().find(|n| n.is_empty() || !n.chars().all(plain)) {
+            // Names of captures are in names of files.
+            wrong.push(
+                Error::input(format!("the name {name:?}"))
+                    .at(of_table(table, name))
+                    .help("use letters, digits, - and _"),
+            );
+        }
         if let Some(i) = (0..names.len()).find(|&i| names[..i].contains(&names[i])) {
             let what = format!("the name {:?} stands twice", names[i]);
             wrong.push(Error::input(what).at(of_table(table, names[i])));

@@ -1,0 +1,248 @@
+//! Frames of `simulate` and `expose`: the sensor stage, frame after frame.
+
+use super::arguments::{self, FrameArgs};
+use super::frame_sink::{FrameSink, Named};
+use super::scene_lights::NextLight;
+use camrig_base::{Error, RawFrame, Result};
+use camrig_camera::Camera;
+use camrig_camera::hdr::HdrOutput;
+use camrig_exposure::hdr::HdrSensor;
+use camrig_exposure::{CubeHeader, FrameOptions, IrradianceCube};
+use camrig_light::Illuminant;
+use camrig_render::{self as render, SimulatedSensor};
+use camrig_rig::SensorStage;
+use camrig_sensor_core::config::FrameSettings;
+
+/// The light of frames 0, 1, ... at their exposures, s.
+pub type Lights<'a> = dyn FnMut(u32, f64) -> Result<NextLight> + 'a;
+
+/// The sensor of a camera: one that reads each pixel once, or several times.
+pub enum Sensor {
+    /// One capture.
+    One(Box<SimulatedSensor>),
+    /// Several.
+    Several(Box<HdrSensor>),
+}
+
+impl Sensor {
+    /// The sensor of `camera` in `light` times the light that a cube with this header was made for.
+    pub fn in_light(camera: &Camera, header: &CubeHeader, light: f64) -> Result<Self> {
+        Ok(match camera.sensor.hdr {
+            None => Self::One(Box::new(SimulatedSensor::in_light(camera, header, light)?)),
+            Some(_) => Self::Several(Box::new(HdrSensor::in_light(camera, header, light)?)),
+        })
+    }
+
+    /// The sensor, or its most sensitive capture: what automatic exposure looks at.
+    pub fn first(&self) -> &SimulatedSensor {
+        match self {
+            Self::One(sensor) => sensor,
+            Self::Several(sensor) => &sensor.captures()[0],
+        }
+    }
+}
+
+/// How many frames a camera sends of an exposure.
+pub fn per_exposure(camera: &Camera) -> u32 {
+    match &camera.sensor.hdr {
+        Some(hdr) if hdr.output == HdrOutput::Captures => hdr.captures.len() as u32,
+        _ => 1,
+    }
+}
+
+/// What frames are taken of, and how they are described.
+pub struct Subject<'a> {
+    /// The camera.
+    pub camera: &'a Camera,
+    /// Its sensor.
+    pub sensor: &'a Sensor,
+    /// Exposure before bracketing, s.
+    pub exposure_s: f64,
+    /// The scene's light.
+    pub illuminant: Option<&'a Illuminant>,
+    /// Irradiance of the first frame.
+    pub first: &'a IrradianceCube,
+}
+
+/// Takes and writes the frames of a camera; returns how many. `next` computes the irradiance of
+/// frames for which it differs from that of the first.
+pub fn expose_frames(
+    args: &FrameArgs,
+    subject: &Subject<'_>,
+    next: &mut Lights<'_>,
+    sink: &mut FrameSink,
+) -> Result<u64> {
+    let Subject { camera, sensor, exposure_s, first, .. } = *subject;
+    let mut stage = match sensor {
+        Sensor::One(sensor) => Stage::One(Box::new(opened(args, sensor)?), sensor),
+        Sensor::Several(sensor) => Stage::Several(several(args, sensor)?),
+    };
+    sink.set_camera(|| args.readout.figures(camera))?;
+    let bar = arguments::frames_bar(args.count());
+    let mut taken = 0;
+    // Irradiance of this frame and of the previous one, unless it is that of the first.
+    let (mut changed, mut before) = (None, None);
+    // Exposure of the frame before, s.
+    let mut previous: Option<f32> = None;
+    for i in 0..args.count() {
+        if sink.is_asked_to_stop() {
+            break;
+        }
+        let settings = args.settings(camera, exposure_s, i);
+        let mut same = true;
+        match next(i, settings.exposure_s.into())? {
+            NextLight::Same => {}
+            NextLight::Changed(cube) => {
+                before = changed.replace(cube);
+                same = false;
+            }
+            NextLight::Over => break,
+        }
+        let cube = changed.as_ref().unwrap_or(first);
+        let before = (i > 0).then(|| if same { cube } else { before.as_ref().unwrap_or(first) });
+        let seen = Seen { cube, before, previous_s: previous.replace(settings.exposure_s) };
+        match &mut stage {
+            Stage::One(stage, sensor) => {
+                let frame = one(args, stage, sensor, &seen, &settings)?;
+                let info = info(args, subject, camera, &settings)?;
+                sink.write(&args.readout.readout().of(frame)?, &info)?;
+            }
+            Stage::Several(sensor) => {
+                for (name, frame, info) in all(args, subject, sensor, &seen, &settings)? {
+                    let frame = args.readout.readout().of(frame)?;
+                    sink.write_named(&Named { number: i, name: name.as_deref() }, &frame, &info)?;
+                }
+            }
+        }
+        taken += 1;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(taken)
+}
+
+enum Stage<'a> {
+    One(Box<SensorStage>, &'a SimulatedSensor),
+    Several(&'a HdrSensor),
+}
+
+/// What a sensor sees in a frame.
+struct Seen<'a> {
+    cube: &'a IrradianceCube,
+    /// Irradiance of the frame before; none before the first.
+    before: Option<&'a IrradianceCube>,
+    /// Exposure of the frame before, s.
+    previous_s: Option<f32>,
+}
+
+/// The stage of a sensor with one capture, here or on a rig.
+fn opened(args: &FrameArgs, sensor: &SimulatedSensor) -> Result<SensorStage> {
+    let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
+    stage.on_broken_link(arguments::broken_link);
+    if let Some(held) = stage.cleared() {
+        eprintln!("note: cleared the rig's {held}, left by an earlier host");
+    }
+    stage.set_camera(sensor)?;
+    Ok(stage)
+}
+
+/// A sensor with several captures, where these options go with it.
+fn several<'a>(args: &FrameArgs, sensor: &'a HdrSensor) -> Result<&'a HdrSensor> {
+    let refused = |what: &str, help: &str| Err(Error::unsupported(what).help(help));
+    if args.rig.is_some() {
+        return refused(
+            "a rig for a sensor of several captures",
+            "omit --rig, or simulate one capture with --capture",
+        );
+    }
+    if args.hdr.is_some() {
+        return refused(
+            "--hdr of a sensor of several captures",
+            "omit it: the camera's [sensor.hdr] says how they are taken",
+        );
+    }
+    if args.readout.bins() {
+        return refused(
+            "binning of a sensor of several captures",
+            "omit --binning, or simulate one capture with --capture",
+        );
+    }
+    Ok(sensor)
+}
+
+/// A frame of a sensor with one capture.
+fn one(
+    args: &FrameArgs,
+    stage: &mut SensorStage,
+    sensor: &SimulatedSensor,
+    seen: &Seen<'_>,
+    settings: &FrameSettings,
+) -> Result<RawFrame> {
+    let &Seen { cube, before, previous_s } = seen;
+    let mut take = |settings: &FrameSettings, (before, previous_s): (Option<_>, _)| {
+        let mut settings = *settings;
+        settings.previous_exposure_s = previous_s;
+        stage.frame(sensor, cube, before, &settings)
+    };
+    let Some(hdr) = args.hdr else { return take(settings, (before, previous_s)) };
+    let [long, short] = hdr.frames(settings.frame);
+    let long = settings.with_frame(long);
+    let exposure_s = settings.exposure_s / hdr.ratio() as f32;
+    let short = settings.with_frame(short).with_exposure(exposure_s);
+    let last_short = previous_s.map(|s| s / hdr.ratio() as f32);
+    // What a pixel was exposed to before: one that is read twice, to the other of the two; others,
+    // to the same of the frame before.
+    let (first, second) = if hdr.reads_twice() {
+        ((before, last_short), (Some(cube), Some(long.exposure_s)))
+    } else {
+        ((before, previous_s), (before, last_short))
+    };
+    let long = take(&long, first)?;
+    let short = take(&short, second)?;
+    hdr.interleave(&long, &short)
+}
+
+fn info(
+    args: &FrameArgs,
+    subject: &Subject<'_>,
+    camera: &Camera,
+    settings: &FrameSettings,
+) -> Result<camrig_formats::DngInfo> {
+    let (light, header) = (subject.illuminant, &subject.first.header);
+    let mut info = render::frame_info(camera, settings, light, header, args.opcodes)?;
+    let side = f64::from(args.readout.readout().side());
+    info.pitch_um = info.pitch_um.map(|pitch| pitch * side);
+    Ok(info)
+}
+
+/// A frame that is sent, with the name of its capture where it is that of one.
+type Sent = (Option<String>, RawFrame, camrig_formats::DngInfo);
+
+/// What a sensor with several captures sends of a frame.
+fn all(
+    args: &FrameArgs,
+    subject: &Subject<'_>,
+    sensor: &HdrSensor,
+    seen: &Seen<'_>,
+    settings: &FrameSettings,
+) -> Result<Vec<Sent>> {
+    let mut settings = *settings;
+    settings.previous_exposure_s = seen.previous_s;
+    let options = FrameOptions { before: seen.before, arithmetic: args.arith };
+    let frame = sensor.frame(seen.cube, &settings, options)?;
+    let (camera, hdr) = (subject.camera, sensor.hdr());
+    if hdr.output != HdrOutput::Captures {
+        let mut info = info(args, subject, camera, &settings)?;
+        render::describe_merged(&mut info, hdr, &camera.sensor.cfa);
+        let sent = sensor.sent(frame, settings.analog_gain.into())?;
+        return Ok(sent.into_iter().map(|frame| (None, frame, info.clone())).collect());
+    }
+    let frames = frame.captures.into_iter().zip(&hdr.captures).enumerate();
+    let of = |(i, (frame, capture)): (usize, (RawFrame, &camrig_camera::hdr::Capture))| {
+        let plain = camera.of_capture(i);
+        let plain = plain.ok_or_else(|| Error::internal("a capture without a camera"))?;
+        let info = info(args, subject, &plain, &hdr.settings(capture, &settings))?;
+        Ok((Some(capture.name.clone()), frame, info))
+    };
+    frames.map(of).collect()
+}

@@ -1,0 +1,126 @@
+//! Sensors that read each pixel several times, as a user meets them.
+
+use super::{camrig, camrig_ok};
+use camrig_testing::hdr;
+use std::path::Path;
+
+const SIZE: [u32; 2] = [64, 48];
+
+/// Writes the camera and simulates a checkerboard in an output of the sensor; the codes by frame.
+fn simulate(folder: &Path, output: &str, scene: &str) -> Vec<Vec<u16>> {
+    let text = hdr::camera("split4", SIZE, output);
+    std::fs::write(folder.join(format!("{output}.toml")), text).unwrap();
+    camrig_ok(
+        folder,
+        &format!("simulate --camera {output}.toml --scene {scene} -o {output}.npy --force"),
+    );
+    let bytes = std::fs::read(folder.join(format!("{output}.npy"))).unwrap();
+    let planes = camrig::formats::decode(&bytes).unwrap().planes;
+    planes.into_iter().map(|plane| plane.data).collect()
+}
+
+/// From the codes of split4's captures to its companded code, by the words of its camera file.
+fn merged(codes: [u16; 4]) -> i64 {
+    const GAINS: [i64; 4] = [1, 4, 64, 4096];
+    let level = |i: usize| (i64::from(codes[i]) - 64) * GAINS[i];
+    let mut linear = level(0);
+    for k in 1..4 {
+        let share = (256 * (i64::from(codes[k - 1]) - 3000)).div_euclid(600).clamp(0, 256);
+        linear = (linear * (256 - share) + level(k) * share + 128) >> 8;
+    }
+    (linear + 64).clamp(0, (1 << 24) - 1)
+}
+
+/// The linear numbers of a code of split4's curve: the first, and how many.
+fn decompanded(code: i64) -> (i64, i64) {
+    const ENDS: [(i64, i64); 15] = [
+        (0, 0),
+        (640, 640),
+        (1024, 832),
+        (2048, 1088),
+        (4096, 1344),
+        (8192, 1600),
+        (16_384, 1856),
+        (32_768, 2112),
+        (65_536, 2368),
+        (131_072, 2624),
+        (262_144, 2880),
+        (2_097_152, 3328),
+        (4_194_304, 3584),
+        (8_388_608, 3840),
+        (16_777_216, 4096),
+    ];
+    let line = ENDS.windows(2).find(|w| code < w[1].1).unwrap();
+    let step = (line[1].0 - line[0].0) / (line[1].1 - line[0].1);
+    (line[0].0 + (code - line[0].1) * step, step)
+}
+
+#[test]
+fn what_is_sent_is_the_merge_of_the_captures() {
+    let folder = tempfile::tempdir().unwrap();
+    // From dark to beyond the end of the last capture.
+    for lux in ["3", "3000", "300000", "30000000"] {
+        let scene = format!("colorchecker --lux {lux} --exposure 11.264ms");
+        let captures = simulate(folder.path(), "captures", &scene);
+        let sent = simulate(folder.path(), "companded", &scene);
+        assert_eq!((captures.len(), sent.len()), (4, 1));
+        for (i, &code) in sent[0].iter().enumerate() {
+            let linear = merged([0, 1, 2, 3].map(|c| captures[c][i]));
+            let (first, step) = decompanded(code.into());
+            assert!((first..first + step).contains(&linear), "{lux} lx, {i}: {linear}, {code}");
+        }
+    }
+}
+
+#[test]
+fn captures_are_files_with_their_names_exposures_and_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("c.toml"), hdr::camera("split4", SIZE, "captures")).unwrap();
+    let scene = "--scene colorchecker --lux 100 --exposure 11.264ms";
+    camrig_ok(folder.path(), &format!("simulate --camera c.toml {scene} --frames 2 -o all"));
+    for (i, name) in ["hcg", "lcg", "small", "very-short"].iter().enumerate() {
+        for frame in 0..2 {
+            let bytes = std::fs::read(at(&format!("all/{frame:04}-{name}.dng"))).unwrap();
+            let dng = camrig::formats::decode(&bytes).unwrap().facts.dng.unwrap();
+            let wanted = if i == 3 { 11e-6 } else { 0.011_264 };
+            assert!((dng.exposure_s.unwrap() / wanted - 1.0).abs() < 1e-6, "{name}");
+        }
+    }
+    // One capture alone is a plain camera with the same codes.
+    camrig_ok(
+        folder.path(),
+        &format!("simulate --camera c.toml --capture lcg {scene} -o lcg.dng"),
+    );
+    let samples = |name: &str| {
+        let frames = camrig::formats::decode(&std::fs::read(at(name)).unwrap()).unwrap();
+        frames.planes[0].data.clone()
+    };
+    assert_eq!(samples("lcg.dng"), samples("all/0000-lcg.dng"));
+}
+
+#[test]
+fn what_does_not_go_with_several_captures_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("c.toml"), hdr::camera("split4", SIZE, "linear")).unwrap();
+    let scene = "--camera c.toml --scene colorchecker --exposure 11.264ms -o a.npy";
+    for (arguments, words) in [
+        (format!("simulate {scene} --rig emulator:"), "--capture"),
+        (format!("simulate {scene} --hdr rows:4"), "[sensor.hdr]"),
+        (format!("simulate {scene} --binning 2x2"), "--binning"),
+        (format!("simulate {scene}"), "more than 16 bits"),
+        (format!("simulate {scene} --capture none"), "captures are hcg, lcg, small, very-short"),
+        (format!("simulate {scene} --path components"), "in bands"),
+        (
+            "simulate --camera mobile --capture hcg --scene dots --exposure 1ms -o a.npy".into(),
+            "omit it",
+        ),
+        ("isp --camera c.toml --exposure 1ms".into(), "--capture"),
+    ] {
+        let output = camrig(folder.path(), &arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
+        assert!(said.contains(words), "{arguments}: {said}");
+        assert!(!folder.path().join("a.npy").exists());
+    }
+}
