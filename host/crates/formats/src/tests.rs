@@ -39,6 +39,7 @@ fn info() -> DngInfo {
         noise_profile: vec![(1e-4, 2e-7), (1.1e-4, 2e-7), (1e-4, 3e-7)],
         black_levels_dn: vec![60.0, 61.0, 62.0, 63.5],
         carried: [(50730, vec![-1.5]), (50727, vec![1.0, 1.0, 1.25])].into(),
+        linearization: Vec::new(),
         opcode_list1: vec![Opcode::FixBadPixelsList {
             bayer_phase: 1,
             points: vec![(3, 4), (0, 11)],
