@@ -27,8 +27,8 @@ pub struct CameraStore<'m> {
     config_bytes: [u8; CONFIG_BYTES],
     config: Option<SensorConfig>,
     table: &'m mut [f32],
-    /// Words of the table that have arrived.
-    words: usize,
+    /// Bytes that have arrived.
+    received: usize,
     word: [u8; 4],
 }
 
@@ -36,7 +36,7 @@ impl<'m> CameraStore<'m> {
     /// An empty store with this memory for the crosstalk table (axes and factors).
     pub const fn new(table: &'m mut [f32]) -> Self {
         let (head, config_bytes) = ([0; HEAD_BYTES], [0; CONFIG_BYTES]);
-        Self { head, config_bytes, config: None, table, words: 0, word: [0; 4] }
+        Self { head, config_bytes, config: None, table, received: 0, word: [0; 4] }
     }
 
     /// Longest camera that fits, bytes.
@@ -72,8 +72,8 @@ impl<'m> CameraStore<'m> {
     pub(crate) fn piece(&mut self, offset: u32, piece: &[u8]) -> Result<(), Refusal> {
         if offset == 0 {
             self.config = None;
-            self.words = 0;
         }
+        self.received = offset as usize + piece.len();
         let too_long = Refusal::CameraTooLong { max: self.max_bytes() };
         for (at, &byte) in (offset as usize..).zip(piece) {
             let after_head = at.wrapping_sub(HEAD_BYTES);
@@ -87,7 +87,6 @@ impl<'m> CameraStore<'m> {
                 self.word[at % 4] = byte;
                 if at % 4 == 3 {
                     *self.table.get_mut(at / 4).ok_or(too_long)? = f32::from_le_bytes(self.word);
-                    self.words = at / 4 + 1;
                 }
                 continue;
             };
@@ -98,17 +97,19 @@ impl<'m> CameraStore<'m> {
 
     /// All bytes have arrived: puts the camera in force if it is valid.
     pub(crate) fn end(&mut self) -> Result<(), Refusal> {
+        // A camera that was cut short would be completed by bytes of an earlier one.
+        let table_bytes = self.received.checked_sub(HEAD_BYTES + self.word16(0));
+        let table_bytes =
+            table_bytes.filter(|bytes| self.received >= HEAD_BYTES && bytes % 4 == 0);
+        let words = table_bytes.ok_or(Refusal::BadCamera)? / 4;
         let bytes = self.config_bytes.get(..self.word16(0)).ok_or(Refusal::BadCamera)?;
         let mut config: SensorConfig =
             postcard::from_bytes(bytes).map_err(|_| Refusal::BadCamera)?;
         let size = self.table_size();
         let crosstalk =
             size.into_iter().fold(factors(config.channels, size), usize::saturating_add);
-        let empirical = self.table.get(crosstalk..self.words);
-        config
-            .table
-            .extend_from_slice(empirical.unwrap_or(&[]))
-            .map_err(|_| Refusal::BadCamera)?;
+        let empirical = self.table.get(crosstalk..words).ok_or(Refusal::BadCamera)?;
+        config.table.extend_from_slice(empirical).map_err(|_| Refusal::BadCamera)?;
         config.check().map_err(|_| Refusal::BadCamera)?;
         let channels = usize::from(config.channels);
         self.config = Some(config);

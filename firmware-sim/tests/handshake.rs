@@ -121,3 +121,19 @@ fn an_effect_that_is_not_compiled_in_is_refused() {
         assert_eq!(rig.camera_end(), Err(Refusal::BadCamera));
     });
 }
+
+/// The bytes of an earlier camera stay in memory, and must not complete a later one.
+#[test]
+fn a_camera_that_is_cut_short_is_refused() {
+    let mut bytes = [0; 1024];
+    let n = camera::encode(&sensor(&[]), None, &mut bytes).expect("it fits");
+    for cut in [0, 3, 8, n - 10, n - 1] {
+        let answer = with_rig(|rig| {
+            rig.camera_piece(0, &bytes[..n])?;
+            rig.camera_end()?;
+            rig.camera_piece(0, &bytes[..cut])?;
+            rig.camera_end()
+        });
+        assert_eq!(answer, Err(Refusal::BadCamera), "{cut} of {n} bytes");
+    }
+}

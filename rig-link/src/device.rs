@@ -231,8 +231,11 @@ impl<const RAW: usize> Device<RAW> {
         let packet = match Packet::parse(bytes) {
             Ok(packet) => packet,
             Err(Reject::Damaged) => return count(&mut self.statistics.damaged),
-            Err(Reject::UnknownKind { kind, session }) => {
-                if self.host.is_some() && session == self.session {
+            Err(Reject::UnknownKind { kind, session, seq }) => {
+                let ours = self.host.is_some() && session == self.session;
+                if ours && after(seq, self.heard) {
+                    // The answer acknowledges the packet that it is about.
+                    self.heard = seq;
                     self.nack(Nack::Unsupported(kind));
                 }
                 return;

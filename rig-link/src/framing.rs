@@ -209,7 +209,7 @@ impl<B: AsMut<[u8]>> Sender<B> {
     }
 }
 
-/// Assembles packets from received bytes, in a buffer of fixed size. Longer packets are dropped.
+/// Assembles packets from received bytes, in a buffer of fixed size. What is longer is no packet.
 #[derive(Debug)]
 pub struct Receiver<B> {
     framing: Framing,
@@ -232,7 +232,7 @@ impl<B: AsMut<[u8]>> Receiver<B> {
     }
 
     /// The packet that [`Receiver::push`] has completed, not yet checked; valid until the next
-    /// push.
+    /// push. Bytes between two zeros of [`Framing::Cobs`] that are no packet give an empty one.
     pub fn packet(&mut self) -> &[u8] {
         &self.buffer.as_mut()[self.packet.0..self.packet.1]
     }
@@ -284,11 +284,11 @@ impl<B: AsMut<[u8]>> Receiver<B> {
             if zero.is_some() {
                 *input = &rest[1..];
                 let encoded = core::mem::take(&mut self.filled);
-                if !core::mem::take(&mut self.skipping)
-                    && encoded > 0
-                    && let Some(n) = decode_cobs(&mut buffer[..encoded])
-                {
-                    return Some((0, n));
+                let too_long = core::mem::take(&mut self.skipping);
+                if encoded > 0 || too_long {
+                    // What no packet encodes to becomes an empty one, which counts as damaged.
+                    let whole = if too_long { None } else { decode_cobs(&mut buffer[..encoded]) };
+                    return Some((0, whole.unwrap_or(0)));
                 }
             }
         }
@@ -563,10 +563,28 @@ mod tests {
             let mut receiver = Receiver::new(framing, [0; 100]);
             let mut input = &link[..];
             assert!(receiver.push(&mut input).unwrap());
+            if framing == Framing::Cobs {
+                // It is heard of, as damaged.
+                assert_eq!(receiver.packet(), []);
+                assert!(receiver.push(&mut input).unwrap());
+            }
             assert_eq!(receiver.packet(), [6; 20], "{framing:?}");
         }
         let mut receiver = Receiver::new(Framing::Length, [0; 100]);
         assert_eq!(receiver.push(&mut &[0xff, 0xff, 0xff, 0x7f][..]), Err(OutOfStep));
+    }
+
+    /// Whatever byte is lost, the packet arrives as one that is counted as damaged.
+    #[test]
+    fn a_packet_that_lost_a_byte_is_heard_of() {
+        let packet: Vec<u8> = (1..=80).map(|i| i % 9).collect();
+        let whole = link_bytes(Framing::Cobs, std::slice::from_ref(&packet), 1000);
+        for lost in 0..whole.len() - 1 {
+            let mut link = whole.clone();
+            link.remove(lost);
+            let heard = received(Framing::Cobs, &link, link.len());
+            assert!(!heard.is_empty() && !heard.contains(&packet), "byte {lost}");
+        }
     }
 
     #[test]

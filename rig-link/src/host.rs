@@ -108,11 +108,14 @@ pub enum Event {
         /// Newest version that it speaks.
         newest: u8,
     },
+    /// The device answers the Hello with what this host cannot read, or with limits or a version
+    /// that no device can have.
+    UnusableHello,
     /// The camera is in force.
     CameraReady,
     /// Every raw row has arrived and its CRC is correct.
     FrameDone(FrameStart),
-    /// The device dropped this frame, as its fault register asked.
+    /// The device dropped this frame, as its fault register asked, or in standby.
     FrameDropped(FrameStart),
     /// The answer to a request.
     Answer(ToHost),
@@ -137,10 +140,14 @@ impl fmt::Display for Event {
                 VERSIONS.1,
                 if *newest < VERSIONS.0 { "device's firmware" } else { "host" }
             ),
+            Self::UnusableHello => f.write_str(
+                "the device's answer to the Hello cannot be used: check its HelloReply against \
+                 the specification of the protocol",
+            ),
             Self::CameraReady => f.write_str("the camera is in force"),
             Self::FrameDone(start) => write!(f, "frame {} is complete", start.frame),
             Self::FrameDropped(start) => {
-                write!(f, "the device dropped frame {}, as its fault register asked", start.frame)
+                write!(f, "the device dropped frame {}, as its registers asked", start.frame)
             }
             Self::Answer(answer) => write!(f, "the device answered {answer:?}"),
             Self::Refused(nack) => nack.fmt(f),
@@ -583,7 +590,10 @@ impl<R: AsRef<[u16]> + AsMut<[u16]>> Host<R> {
         }
         match (header.kind, self.operation) {
             (Kind::Hello, Operation::Hello) => {
-                let reply = postcard::from_bytes::<HelloReply>(packet.body).ok()?;
+                let reply = postcard::from_bytes::<HelloReply>(packet.body);
+                let Some(reply) = reply.ok().filter(HelloReply::is_sound) else {
+                    return self.end(Event::UnusableHello);
+                };
                 self.device = reply.device;
                 let (oldest, newest) = (reply.oldest, reply.newest);
                 self.end(match self.device {

@@ -56,6 +56,23 @@ pub struct HelloReply {
     pub device: Option<Capabilities>,
 }
 
+impl HelloReply {
+    /// Whether a host can use it: a version of both ends, and limits within which packets fit.
+    pub(crate) fn is_sound(&self) -> bool {
+        match &self.device {
+            None => true,
+            Some(device) => {
+                let both = self.oldest.max(VERSIONS.0)..=self.newest.min(VERSIONS.1);
+                let fits = usize::from(device.packet_bytes) >= MIN_PACKET_BYTES;
+                both.contains(&self.version) && fits && device.credit > 0
+            }
+        }
+    }
+}
+
+/// Least limit of a device's packets, bytes: an announcement of a frame has to fit.
+const MIN_PACKET_BYTES: usize = 64;
+
 /// What a device can do.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Capabilities {

@@ -113,6 +113,8 @@ pub enum Reject {
         kind: u8,
         /// The packet's session.
         session: u16,
+        /// The packet's counter.
+        seq: u16,
     },
 }
 
@@ -123,7 +125,7 @@ impl fmt::Display for Reject {
                 "the packet is too short or its CRC-32C is wrong: drop it, the host will ask \
                  again",
             ),
-            Self::UnknownKind { kind, session } => write!(
+            Self::UnknownKind { kind, session, .. } => write!(
                 f,
                 "packet kind {kind} in session {session} is not one of protocol versions {} to \
                  {}: update this end",
@@ -147,8 +149,11 @@ impl<'a> Packet<'a> {
             return Err(Reject::Damaged);
         }
         let word = |i: usize| u16::from_le_bytes([head[i], head[i + 1]]);
-        let kind = Kind::from_byte(head[0])
-            .ok_or(Reject::UnknownKind { kind: head[0], session: word(2) })?;
+        let kind = Kind::from_byte(head[0]).ok_or(Reject::UnknownKind {
+            kind: head[0],
+            session: word(2),
+            seq: word(4),
+        })?;
         let header = Header { kind, flags: head[1], session: word(2), seq: word(4), ack: word(6) };
         Ok(Self { header, body })
     }

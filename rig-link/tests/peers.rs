@@ -24,6 +24,36 @@ fn postcard(message: &impl serde::Serialize) -> Vec<u8> {
     postcard::to_slice(message, &mut buffer).unwrap().to_vec()
 }
 
+/// What a host makes of a HelloReply.
+fn connects(reply: &[u8]) -> Option<Event> {
+    let frame = Frame { frame: 0, camera: Vec::new(), raw: Vec::new() };
+    let (mut host, mut io) = (Host::new(Limits::default(), [0; 16]), frame);
+    host.connect(SESSION);
+    let mut out = [0; 2000];
+    assert!(matches!(host.poll(0, &mut io, &mut out), Poll::Send(_)));
+    let header = Header { kind: Kind::Hello, flags: 0, session: SESSION, seq: 1, ack: 1 };
+    host.receive(1, &packet(header, reply), &mut io)
+}
+
+#[test]
+fn a_hello_that_cannot_be_used_is_told_at_once() {
+    let reply = |change: &dyn Fn(&mut HelloReply, &mut Capabilities)| {
+        let mut device = Capabilities { packet_bytes: 600, credit: 8, ..Capabilities::default() };
+        let mut reply = HelloReply { version: 1, oldest: 1, newest: 1, device: None };
+        change(&mut reply, &mut device);
+        reply.device = Some(device);
+        connects(&postcard(&reply))
+    };
+    assert_eq!(reply(&|_, _| {}), Some(Event::Connected));
+    assert_eq!(reply(&|_, device| device.packet_bytes = 0), Some(Event::UnusableHello));
+    assert_eq!(reply(&|_, device| device.credit = 0), Some(Event::UnusableHello));
+    assert_eq!(reply(&|reply, _| reply.version = 2), Some(Event::UnusableHello));
+    // A text that is not UTF-8, and one beyond its 40 bytes.
+    assert_eq!(connects(&[1, 1, 1, 1, 1, 0xff]), Some(Event::UnusableHello));
+    let long = [&[1, 1, 1, 1, 50][..], &[b'x'; 60]].concat();
+    assert_eq!(connects(&long), Some(Event::UnusableHello));
+}
+
 /// A device whose host is this test.
 struct Rig {
     device: Box<ToyDevice>,
@@ -61,6 +91,23 @@ impl Rig {
             answers.push((answer.header.kind, answer.body.to_vec()));
         }
         answers
+    }
+
+    /// Sends a packet of a kind that nobody knows; the `ack` of the answer.
+    fn send_unknown(&mut self) -> u16 {
+        let header = self.header(Kind::Ping);
+        let mut bytes = packet(header, &[]);
+        bytes[0] = 99;
+        let end = bytes.len() - CHECK_BYTES;
+        let crc = crc32c(&bytes[..end]).to_le_bytes();
+        bytes[end..].copy_from_slice(&crc);
+        self.device.receive(&bytes, &mut self.toy);
+        let mut out = [0; 2000];
+        let n = self.device.transmit(&mut out, &mut self.toy).expect("an answer");
+        let answer = Packet::parse(&out[..n]).unwrap();
+        let said = postcard::from_bytes::<ToHost>(answer.body).unwrap();
+        assert_eq!(said, ToHost::Nack(Nack::Unsupported(99)));
+        answer.header.ack
     }
 
     fn control(&mut self, message: ToDevice) -> ToHost {
@@ -416,4 +463,10 @@ fn rows_of_two_attempts_are_not_mixed_where_a_fault_came_between() {
         let told = start.fault == Fault::CorruptRow(0);
         assert_eq!(bench.is_right(), !told, "{packets} packets, {:?}", start.fault);
     }
+}
+
+#[test]
+fn the_answer_to_an_unknown_kind_acknowledges_its_packet() {
+    let mut rig = Rig::new(600, 8);
+    assert_eq!(rig.send_unknown(), rig.seq);
 }

@@ -37,7 +37,7 @@ fn other_errors_say_what_and_where() {
         "the buffer of the packed row has 9 bytes, the row needs 10 (Packing::row_bytes)"
     );
     assert!(Packet::parse(&[]).unwrap_err().to_string().contains("CRC-32C"));
-    let unknown = Reject::UnknownKind { kind: 99, session: 7 }.to_string();
+    let unknown = Reject::UnknownKind { kind: 99, session: 7, seq: 1 }.to_string();
     assert!(unknown.contains("packet kind 99 in session 7"), "{unknown}");
     assert!(OutOfStep.to_string().contains("same framing"));
     assert!(Nack::Register(0x7777).to_string().contains("register 0x7777"));

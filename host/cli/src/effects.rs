@@ -48,7 +48,9 @@ pub(super) fn describe(effect: &EffectKind) {
     for line in effect.doc.trim().lines() {
         println!("{}", line.trim());
     }
-    println!("\nacts on {}\n\n[[effect]]\nkind = {:?}", effect.acts, effect.kind);
+    let number = effect.number.map(|n| format!("; number {n} on the link of a rig"));
+    let number = number.unwrap_or_default();
+    println!("\nacts on {}{number}\n\n[[effect]]\nkind = {:?}", effect.acts, effect.kind);
     for w in effect.words {
         let known =
             if w.values.is_empty() { String::new() } else { format!(": {}", w.values.join(", ")) };
@@ -72,7 +74,8 @@ pub(super) fn as_json(effect: &EffectKind) -> serde_json::Value {
         })
     });
     json!({
-        "kind": effect.kind, "acts_on": effect.acts, "doc": effect.doc.trim(),
+        "kind": effect.kind, "number": effect.number, "acts_on": effect.acts,
+        "domain": effect.acts, "doc": effect.doc.trim(),
         "parameters": parameters.collect::<Vec<_>>(),
         "words": effect.words.iter().map(|w| json!({
             "key": w.key, "doc": w.doc, "values": w.values, "required": w.required,

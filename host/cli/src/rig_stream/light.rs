@@ -4,13 +4,11 @@ use super::Args;
 use crate::expose;
 use crate::notes::Notes;
 use crate::scene_lights::SceneLights;
-use crate::times;
 use crate::view_args::ViewArgs;
 use camrig_base::{Error, Result, natural_order};
 use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_render::SimulatedSensor;
-use camrig_rig::Rig;
 use camrig_rig::remembering::remembering;
 use camrig_rig::stage::changing_light;
 use std::path::{Path, PathBuf};
@@ -89,23 +87,6 @@ impl Light {
             return Err(changing_light(effect));
         }
         Ok(sensors)
-    }
-
-    /// Writes the camera file's line time and frame length to the registers of a rig whose rows
-    /// collect light in time.
-    ///
-    /// # Errors
-    /// A rig without these registers, values that do not fit into them.
-    pub fn program(&mut self, rig: &mut Rig) -> Result<()> {
-        let scene = self.scene.as_mut().filter(|scene| scene.change_within_frames());
-        let Some(times) = scene.and_then(SceneLights::times) else { return Ok(()) };
-        let (line_ns, lines) = times.registers();
-        times::program(rig, (line_ns, lines))?;
-        eprintln!(
-            "note: wrote line time and frame length of the camera file to the rig's registers: \
-             {line_ns} ns, {lines} lines"
-        );
-        Ok(())
     }
 
     /// Notes about the light, the lens and the camera's tables.

@@ -11,10 +11,10 @@ use super::arguments::{
 use super::live;
 use super::readout::ReadoutArgs;
 use super::scene_lights::{NextLight, SceneLights};
-use super::times::TimeArgs;
+use super::times::{self, TimeArgs};
 use super::view_args::{self, SequenceArgs};
 use crate::stop::Stoppable;
-use camrig_base::{ErrorCode, Result};
+use camrig_base::{Error, ErrorCode, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
@@ -198,6 +198,34 @@ fn write_registers(
     Ok(())
 }
 
+/// Writes the camera file's line time and frame length, if it has them, to the rig's registers.
+fn program_timing(rig: &mut Rig, args: &Args, camera: &Camera) -> Result<()> {
+    let Some(times) = args.time.times(camera, args.fps)? else { return Ok(()) };
+    let (line_ns, lines) = times.registers();
+    times::program(rig, (line_ns, lines))?;
+    eprintln!(
+        "note: wrote line time and frame length of the camera file to the rig's registers: \
+         {line_ns} ns, {lines} lines"
+    );
+    Ok(())
+}
+
+/// Refuses an exposure longer than a frame at the rate asked for; f32 on the link rounds it.
+fn check_exposure(args: &Args, exposure_s: f64) -> Result<()> {
+    let Some(fps) = args.fps.filter(|fps| exposure_s * fps > 1.0 + 1e-6) else { return Ok(()) };
+    Err(Error::disagreement(format!(
+        "an exposure of {} ms is longer than a frame at {fps} frames/s, {} ms",
+        rounded(1e3 * exposure_s),
+        rounded(1e3 / fps)
+    ))
+    .help("expose for less, or lower --fps"))
+}
+
+/// A number with as many digits as a person reads.
+fn rounded(value: f64) -> f64 {
+    (1e4 * value).round() / 1e4
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut output = Output::open(args)?;
@@ -213,8 +241,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut light = Light::open(args, &camera)?;
     let sensors = light.sensors(&camera)?;
     if args.by_registers || script.is_some() {
-        light.program(&mut rig)?;
+        program_timing(&mut rig, args, &camera)?;
     }
+    check_exposure(args, args.exposure.unwrap_or(0.0))?;
     if let Some(output) = &mut output {
         output.prepare(args, &camera, &sensors[0])?;
     }
@@ -360,7 +389,12 @@ impl Stream<'_> {
                      {restored}"
                 );
             }
-            taken.outcome.dropped += u64::from(frame.dropped);
+            if frame.dropped {
+                taken.outcome.dropped += 1;
+                let standby = by_registers && rig.read_register(address::MODE_SELECT)? == 0;
+                taken.outcome.standby += u64::from(standby);
+            }
+            check_exposure(args, frame.start.exposure.exposure_s.into())?;
             let missed = in_time && frame.start.exposure.exposure_s != exposure_s;
             taken.outcome.exposure_missed += u64::from(missed);
             if args.json {

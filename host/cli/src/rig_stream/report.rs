@@ -70,6 +70,8 @@ fn fault(fault: Fault) -> Value {
 pub struct Outcome {
     /// Frames that the sensor dropped on request.
     pub dropped: u64,
+    /// Those of them in standby.
+    pub standby: u64,
     /// Frames whose light was computed for another exposure than the rig's.
     pub exposure_missed: u64,
     /// Every frame, for `--json`.
@@ -103,6 +105,7 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
                 "frames": pace.frames(),
                 "dropped_on_request": dropped,
                 "frames_dropped": dropped,
+                "frames_in_standby": outcome.standby,
                 "scene_frames": outcome.scene_frames,
                 "exposure_missed": outcome.exposure_missed,
                 "seconds": seconds,
@@ -138,9 +141,14 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
     if s.damaged + s.rewinds + s.timeouts > 0 {
         lines.push(format!("repairs: {repairs}"));
     }
-    if dropped > 0 {
-        let dropped = counted(dropped as usize, "frame");
-        lines.push(format!("dropped {dropped}, as requested by the rig's fault register"));
+    let requested = dropped - outcome.standby;
+    for (frames, why) in [
+        (requested, "as requested by the rig's fault register"),
+        (outcome.standby, "since the rig is in standby (register 0x0100 is 0)"),
+    ] {
+        if frames > 0 {
+            lines.push(format!("dropped {}, {why}", counted(frames as usize, "frame")));
+        }
     }
     if outcome.exposure_missed > 0 {
         lines.push(format!(

@@ -49,6 +49,9 @@ impl AnyEffect {
 pub struct EffectKind {
     /// Name in camera files.
     pub kind: &'static str,
+    /// Number on the link of a rig and in random streams; `None` for effects of the optics, which
+    /// rigs do not know.
+    pub number: Option<u8>,
     /// Where the effect acts: `optics`, or a domain of the sensor.
     pub acts: &'static str,
     /// Meaning, equation and source.
@@ -64,6 +67,7 @@ impl EffectKind {
     pub fn all() -> impl Iterator<Item = Self> {
         let optical = OpticalEffect::CATALOGUE.iter().map(|e| Self {
             kind: e.kind,
+            number: None,
             acts: "optics",
             doc: e.doc,
             parameters: e.parameters,
@@ -71,6 +75,7 @@ impl EffectKind {
         });
         let sensor = Effect::CATALOGUE.iter().map(|e| Self {
             kind: e.kind,
+            number: Some(e.id),
             acts: e.domain.name(),
             doc: e.doc,
             parameters: e.parameters,

@@ -537,6 +537,11 @@ impl Rig {
                 ))
                 .help(advice)
             }
+            Event::UnusableHello => Error::disagreement(
+                "the rig's answer to the Hello cannot be used: it cannot be read, or states limits \
+                 or a version that no rig can have",
+            )
+            .help("check the rig's firmware against docs/protocol.md, section 4"),
             Event::NoProgress => Error::device(
                 "the link loses too many packets to complete a frame",
             )

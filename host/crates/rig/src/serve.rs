@@ -21,7 +21,9 @@ use std::time::{Duration, Instant};
 pub const GIVEN_UP_AFTER: Duration = Duration::from_secs(10);
 /// Longest wait for the device to release a dropped host, and the polling interval.
 const LET_GO: Duration = Duration::from_secs(2);
-const LET_GO_STEP: Duration = Duration::from_millis(10);
+const LET_GO_STEP: Duration = Duration::from_millis(5);
+/// Longest wait for a host that has just closed its link: the end arrives on another thread.
+const CLOSED: Duration = Duration::from_millis(100);
 /// Longest wait for the token of a connecting host, and the maximum number of hosts waited for at
 /// once; further ones are rejected.
 const TO_GREET: Duration = Duration::from_secs(2);
@@ -59,18 +61,31 @@ impl Guest {
         Duration::from_millis(self.now().saturating_sub(self.heard.load(Ordering::Relaxed)))
     }
 
-    /// Ends a link that has been silent for too long. Returns whether the device is free.
-    fn give_up(&self, patience: Duration) -> bool {
+    /// Takes the device for another host, if it is free. A link that has been closed is let go of
+    /// within moments, one that has been silent for too long is ended.
+    fn takes_another(&self, patience: Duration) -> bool {
+        if self.is_free_within(CLOSED) {
+            return true;
+        }
         if self.silence() < patience {
             return false;
         }
         // It may have closed by itself.
         let _ = self.link().as_ref().map(|stream| stream.shutdown(Shutdown::Both));
-        let until = Instant::now() + LET_GO;
-        while self.busy.load(Ordering::Acquire) && Instant::now() < until {
+        self.is_free_within(LET_GO)
+    }
+
+    fn is_free_within(&self, wait: Duration) -> bool {
+        let until = Instant::now() + wait;
+        loop {
+            if !self.busy.swap(true, Ordering::AcqRel) {
+                return true;
+            }
+            if Instant::now() >= until {
+                return false;
+            }
             std::thread::sleep(LET_GO_STEP);
         }
-        !self.busy.swap(true, Ordering::AcqRel)
     }
 }
 
@@ -100,16 +115,7 @@ impl<T: io::Read> embedded_io::Read for Link<T> {
                         e.kind(),
                         io::ErrorKind::TimedOut | io::ErrorKind::Interrupted
                     ) => {}
-                Ok(n) => {
-                    // Zeros alone are empty packets, which any noise is made of.
-                    if let Some(guest) = &self.guest
-                        && out[..n].iter().any(|&byte| byte != 0)
-                    {
-                        guest.hear();
-                    }
-                    return Ok(n);
-                }
-                Err(e) => return Err(e),
+                other => return other,
             }
         }
     }
@@ -117,6 +123,10 @@ impl<T: io::Read> embedded_io::Read for Link<T> {
 
 impl<T: io::Write> embedded_io::Write for Link<T> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // The device answers valid packets alone: bytes of other kinds are no sign of a host.
+        if let Some(guest) = &self.guest {
+            guest.hear();
+        }
         self.stream.write(bytes)
     }
 
@@ -197,8 +207,8 @@ impl io::Read for Timed<'_> {
     }
 }
 
-/// Serves hosts on a TCP address, one at a time; others are turned away at once, unless the one
-/// served has been silent for [`GIVEN_UP_AFTER`]. With a token, only hosts that know it are
+/// Serves hosts on a TCP address, one at a time; others are turned away, unless the one served has
+/// been silent, or sent nothing valid, for [`GIVEN_UP_AFTER`]. With a token, only hosts that know it are
 /// served, and no other has an effect on them. Calls `ready` with the address in force (a port 0
 /// has become a number), and `link_failed` from another thread with each fault that ends a link.
 ///
@@ -247,7 +257,7 @@ fn tcp_patient(
     std::thread::spawn(move || door(listener, token, admitted));
     for stream in hosts {
         let stream = stream.map_err(failed)?;
-        if guest.busy.swap(true, Ordering::AcqRel) && !guest.give_up(patience) {
+        if !guest.takes_another(patience) {
             // Turned away; whether that works is the other side's business.
             let _ = stream.shutdown(Shutdown::Both);
             continue;

@@ -81,6 +81,18 @@ impl SensorStage {
             return Err(Error::disagreement(what)
                 .help("another host wrote the rig's fault or test-pattern register; try again"));
         }
+        let (asked, given) = (settings, frame.start.exposure);
+        if given.exposure_s != asked.exposure_s || given.analog_gain != asked.analog_gain {
+            return Err(Error::disagreement(format!(
+                "the rig exposed frame {} for {} s at gain {} instead of {} s at gain {}",
+                settings.frame,
+                given.exposure_s,
+                given.analog_gain,
+                asked.exposure_s,
+                asked.analog_gain
+            ))
+            .help("ask for an exposure and a gain that the rig keeps"));
+        }
         frame.to_raw(sensor)
     }
 }
