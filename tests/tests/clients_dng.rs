@@ -283,7 +283,7 @@ fn ffmpeg_and_gstreamer_show_headerless_pixels_as_bright_as_they_are() {
             };
             let pixels = PixelFormat { cfa: raw.cfa.clone(), bits, layout: Layout::Words };
             let path = folder.path().join(format!("a_{width}x24_{pixels}.raw"));
-            std::fs::write(&path, pixels.encode(&Frames::from_raw(&raw)).unwrap()).unwrap();
+            std::fs::write(&path, pixels.encode(&Frames::from_raw(&raw), None).unwrap()).unwrap();
             let seen = folder.path().join("seen");
             for hint in pixels.hints(&path, width, 24) {
                 let gstreamer = hint.contains("gst-launch-1.0");

@@ -223,6 +223,10 @@ pub struct FrameArgs {
     /// Exposure bracket: steps in EV relative to the exposure, one frame each
     #[arg(long, value_name = "EV,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub bracket: Vec<f64>,
+    /// Light that is white in the frames: AsShotNeutral of DNG, previews [default: the illuminant;
+    /// D65 for radiance scenes]
+    #[arg(long, value_name = "I")]
+    pub white: Option<String>,
     /// Two exposures in one frame: rows:RATIO (alternating pairs of long and short rows) or
     /// `staggered:RATIO[:OFFSET]` (each row twice, the short exposure OFFSET rows later)
     #[arg(long, value_name = "FORM", value_parser = Hdr::parse)]

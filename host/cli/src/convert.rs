@@ -38,7 +38,8 @@ pub struct Args {
     /// Rows of headerless input
     #[arg(long)]
     height: Option<usize>,
-    /// Row stride of headerless input, bytes [default: the length of a row]
+    /// Row stride of headerless input, bytes; of headerless output where the input is not
+    /// [default: the length of a row]
     #[arg(long, value_name = "BYTES")]
     stride: Option<usize>,
     /// Bits per sample, if missing or wrong in the file
@@ -97,7 +98,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let format = output_format(args)?;
+    let of_output = args.stride.filter(|_| !is_headerless_input(args));
+    if of_output.is_some() && !matches!(format, Format::Raw(_)) {
+        return Err(Error::input("--stride of files that have a header")
+            .help("it belongs to headerless pixels, as input or output"));
+    }
     let bytes = match &format {
+        Format::Raw(pixels) => pixels.encode(&frames, of_output),
         Format::Csi2 => csi2::encode_with(&frames, &csi2_options(args, &frames)),
         other => other.encode(&frames),
     }
@@ -130,13 +137,14 @@ fn dark_picture(format: &Format, facts: &Facts) -> Option<String> {
     })
 }
 
+fn is_headerless_input(args: &Args) -> bool {
+    args.from.is_some() || PixelFormat::is_headerless(&args.input)
+}
+
 fn read(args: &Args) -> Result<Frames> {
     let bytes = formats::read_bytes(&args.input)?;
-    let frames = if args.from.is_some() || PixelFormat::is_headerless(&args.input) {
-        headerless(args, &bytes)
-    } else {
-        formats::decode(&bytes)
-    };
+    let frames =
+        if is_headerless_input(args) { headerless(args, &bytes) } else { formats::decode(&bytes) };
     let mut frames = frames.map_err(|e| e.at(args.input.display()))?;
     let facts = &mut frames.facts;
     facts.bits = args.bits.or(facts.bits);

@@ -72,7 +72,14 @@ pub fn expose_frames(
     next: &mut Lights<'_>,
     sink: &mut FrameSink,
 ) -> Result<u64> {
-    let Subject { camera, sensor, exposure_s, first, .. } = *subject;
+    let Subject { camera, sensor, exposure_s, first, illuminant } = *subject;
+    let stated = args.white.as_deref().map(Illuminant::parse).transpose();
+    let stated = stated.map_err(|e| e.at("--white"))?;
+    let white = stated.as_ref().or(illuminant);
+    if white.is_none() && !camera.sensor.cfa.is_mono() {
+        eprintln!("note: white is D65, as the scene's light is not known (--white says another)");
+    }
+    let subject = &Subject { camera, sensor, exposure_s, first, illuminant: white };
     let mut stage = match sensor {
         Sensor::One(sensor) => Stage::One(Box::new(opened(args, sensor)?), sensor),
         Sensor::Several(sensor) => Stage::Several(several(args, sensor)?),

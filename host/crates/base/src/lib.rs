@@ -60,6 +60,7 @@ pub mod schema_words;
 mod spectrum;
 pub mod table;
 mod table_column;
+mod table_exports;
 mod table_form;
 mod table_fractions;
 mod table_marks;

@@ -3,7 +3,7 @@
 //!
 //! Tables are read as other programs write them: separated by commas, semicolons, tabs or blanks,
 //! with a decimal comma where the comma does not separate; with any header or none; in nm, µm or Å;
-//! from short to long wavelengths or back. What was assumed is in [`SpectralTable::remarks`]. A
+//! from short to long wavelengths or back; and exports of light meters. What was assumed is in [`SpectralTable::remarks`]. A
 //! line `# outside: held` or `# outside: zero` says what the curves are outside their wavelengths.
 //!
 //! What the values are is read from names of a closed list and from units
@@ -12,6 +12,7 @@
 
 use crate::spectrum::Outside;
 use crate::table_column::{Column, Keys};
+use crate::table_exports;
 use crate::table_form::{Form, content};
 use crate::table_marks::Marks;
 use crate::table_quantity::Quantity;
@@ -53,9 +54,17 @@ impl SpectralTable {
     /// # Errors
     /// A file that cannot be read, and those of [`SpectralTable::parse`].
     pub fn read(path: &Path) -> Result<Self> {
+        Self::read_column(path, None)
+    }
+
+    /// Reads a file of which only the column of a name is meant, where one is given.
+    ///
+    /// # Errors
+    /// Those of [`SpectralTable::read`], no column or several of that name.
+    pub fn read_column(path: &Path, column: Option<&str>) -> Result<Self> {
         let bytes = std::fs::read(path).map_err(|e| Error::io("read", path, e))?;
-        let table = Self::parse(&text_of(bytes)).map_err(|e| e.at(path.display()))?;
-        Ok(table.named(path.display()))
+        let table = Self::parse_column(&text_of(bytes), column);
+        Ok(table.map_err(|e| e.at(path.display()))?.named(path.display()))
     }
 
     /// Parses the text of a file.
@@ -65,9 +74,17 @@ impl SpectralTable {
     /// stand between thousands, wavelengths that neither rise nor fall, no lines. The error names
     /// the line.
     pub fn parse(text: &str) -> Result<Self> {
+        Self::parse_column(text, None)
+    }
+
+    /// Parses the text of a file of which only the column of a name is meant, where one is given.
+    pub(crate) fn parse_column(text: &str, column: Option<&str>) -> Result<Self> {
         let text = text.trim_start_matches('\u{feff}');
         let text = &with_line_feeds(text)[..];
+        let export = table_exports::table_of(text)?;
+        let text = export.as_ref().map_or(text, |export| &export.text);
         let (form, mut remarks) = Form::of(text)?;
+        remarks.extend(export.as_ref().and_then(|export| export.remark.clone()));
         let columns = form.names.len();
         let mut wavelength: Vec<f64> = Vec::new();
         let mut curves: Vec<(String, Vec<f64>)> =
@@ -115,7 +132,8 @@ impl SpectralTable {
             wavelength_nm.reverse();
             curves.iter_mut().for_each(|(_, values)| values.reverse());
         }
-        let keys = Keys::of(text)?;
+        let mut keys = Keys::of(text)?;
+        keys.column = column.map(str::to_string).or(keys.column);
         let Form { headers, percent_above, .. } = form;
         let mut table = Self {
             wavelength_nm,

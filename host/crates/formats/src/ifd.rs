@@ -40,6 +40,14 @@ pub(super) fn is_dng(bytes: &[u8]) -> bool {
     first.is_ok_and(|ifd| ifd.uints(50706).is_some() || ifd.uint(262) == Some(32803))
 }
 
+/// The maker that the first directory names where it is no DNG's and has others within it.
+pub(super) fn maker_of_previews(bytes: &[u8]) -> Option<String> {
+    let file = Tiff::open(bytes).ok()?;
+    let first = file.ifd(file.first().ok()?).ok()?;
+    let is_own = first.uints(330).is_some() && first.uints(50706).is_none();
+    first.text(271).filter(|_| is_own)
+}
+
 impl<'a> Tiff<'a> {
     /// Checks byte order mark and version.
     pub fn open(bytes: &'a [u8]) -> Result<Self> {

@@ -328,7 +328,7 @@ impl Format {
             #[cfg(feature = "mcap")]
             Self::Mcap => mcap::encode(frames),
             Self::Y4m => y4m::encode(frames),
-            Self::Raw(pixels) => pixels.encode(frames),
+            Self::Raw(pixels) => pixels.encode(frames, None),
             #[cfg(not(all(feature = "mcap", feature = "png", feature = "tiff")))]
             other => Err(left_out(other)),
         }
@@ -371,6 +371,14 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     } else {
         bytes
     };
+    if let Some((kind, maker)) = maker_raw(bytes) {
+        return Err(Error::unsupported(format!(
+            "a raw file of a maker's own format: {kind}, {maker}"
+        ))
+        .help(
+            "convert it to DNG first, with Adobe DNG Converter or `dnglab convert IN OUT.dng`",
+        ));
+    }
     let frames = match Format::sniff(bytes) {
         Some(Format::Dng) => dng_read::decode(bytes),
         #[cfg(feature = "tiff")]
@@ -394,6 +402,31 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     }?;
     debug_assert!(!frames.planes.is_empty());
     Ok(frames)
+}
+
+/// The kind and the maker of a raw file that is no DNG, by its content.
+fn maker_raw(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+    let at = |place: usize, mark: &[u8]| bytes.get(place..).is_some_and(|b| b.starts_with(mark));
+    let marks: [(usize, &[u8], _); 6] = [
+        (8, b"CR\x02", ("CR2", "Canon")),
+        (4, b"ftypcrx ", ("CR3", "Canon")),
+        (0, b"FUJIFILMCCD-RAW", ("RAF", "Fujifilm")),
+        (0, b"IIU\0", ("RW2", "Panasonic")),
+        (0, b"IIR", ("ORF", "Olympus")),
+        (0, b"MMOR", ("ORF", "Olympus")),
+    ];
+    let marked = marks.into_iter().find(|(place, mark, _)| at(*place, mark));
+    // The others are TIFF files whose first directory names the maker and holds a preview.
+    marked.map(|(_, _, kind)| kind).or_else(|| {
+        let maker = ifd::maker_of_previews(bytes)?.to_ascii_uppercase();
+        let tiffs = [
+            ("NIKON", ("NEF", "Nikon")),
+            ("SONY", ("ARW", "Sony")),
+            ("PENTAX", ("PEF", "Pentax")),
+            ("SAMSUNG", ("SRW", "Samsung")),
+        ];
+        tiffs.into_iter().find(|(name, _)| maker.starts_with(name)).map(|(_, kind)| kind)
+    })
 }
 
 /// Reads frames from a file: by its content, or headerless raw by its name.

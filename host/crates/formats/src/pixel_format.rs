@@ -8,6 +8,7 @@
 
 mod layout;
 mod names;
+mod pisp;
 
 pub use layout::Layout;
 
@@ -67,11 +68,12 @@ impl PixelFormat {
         let mut formats: Vec<(usize, String, Self)> = Vec::new();
         let mut end = words.len();
         while let Some(last) = end.checked_sub(1) {
-            // Some names have an underscore: SRGGB10_CSI2P.
-            let joined = last.checked_sub(1).map(|i| words[i..=last].join("_"));
-            let found = joined.and_then(|name| names::find(&name).map(|f| (last - 1, name, f)));
-            let single = || names::find(words[last]).map(|f| (last, words[last].to_string(), f));
-            let found = found.or_else(single);
+            // Some names have underscores: SRGGB10_CSI2P, BGGR_PISP_COMP1.
+            let found = (0..3).rev().find_map(|before| {
+                let first = last.checked_sub(before)?;
+                let name = words[first..=last].join("_");
+                names::find(&name).map(|format| (first, name, format))
+            });
             end = found.as_ref().map_or(last, |(first, ..)| *first);
             formats.extend(found.map(|(_, name, format)| (last, name, format)));
         }
@@ -95,22 +97,37 @@ impl PixelFormat {
         Ok((pixels.clone(), Some(*size)))
     }
 
-    /// Frames as pixels one after another, rows without padding.
+    /// Frames as pixels one after another. `stride` is the distance from row to row in bytes, by
+    /// default the bytes of a row; bytes beyond the row are 0.
     ///
     /// # Errors
-    /// Frames of another colour filter pattern, samples beyond the bits.
-    pub fn encode(&self, frames: &Frames) -> Result<Vec<u8>> {
+    /// Frames of another colour filter pattern, samples beyond the bits, a stride shorter than a
+    /// row.
+    pub fn encode(&self, frames: &Frames, stride: Option<usize>) -> Result<Vec<u8>> {
         self.check(&frames.facts)?;
         let row_bytes = self.layout.row_bytes(self.bits, frames.width())?;
-        let mut bytes = vec![0; row_bytes * frames.height() * frames.planes.len()];
+        let stride = self.stride(stride, row_bytes, frames.width())?;
+        let mut bytes = vec![0; stride * frames.height() * frames.planes.len()];
         let rows = frames.planes.iter().flat_map(|p| p.data.chunks_exact(p.width));
         for plane in &frames.planes {
             check_range(&plane.data, self.bits)?;
         }
-        for (out, row) in bytes.chunks_exact_mut(row_bytes).zip(rows) {
-            self.layout.pack(self.bits, row, out)?;
+        for (out, row) in bytes.chunks_exact_mut(stride).zip(rows) {
+            self.layout.pack(self.bits, row, &mut out[..row_bytes])?;
         }
         Ok(bytes)
+    }
+
+    /// Bytes from row to row.
+    fn stride(&self, given: Option<usize>, row_bytes: usize, width: usize) -> Result<usize> {
+        /// Longest row of a file that is written or read: 16 MiB.
+        const MAX_STRIDE: usize = 1 << 24;
+        let stride = given.unwrap_or(row_bytes);
+        if given.is_some() && !(row_bytes..=MAX_STRIDE.max(row_bytes)).contains(&stride) {
+            return Err(Error::input(format!("a stride of {stride} bytes"))
+                .help(format!("a row of {width} pixels in {self} takes {row_bytes}")));
+        }
+        Ok(stride)
     }
 
     /// Refuses frames of another pattern, which must not be relabelled silently. Names without
@@ -156,11 +173,7 @@ impl PixelFormat {
         area(width, height)?;
         let row_bytes = self.layout.row_bytes(self.bits, width)?;
         let given = stride;
-        let stride = given.unwrap_or(row_bytes);
-        if stride < row_bytes {
-            return Err(Error::input(format!("a stride of {stride} bytes"))
-                .help(format!("a row of {width} pixels in {self} takes {row_bytes}")));
-        }
+        let stride = self.stride(given, row_bytes, width)?;
         let frame_bytes = stride.saturating_mul(height);
         if bytes.is_empty() || !bytes.len().is_multiple_of(frame_bytes) {
             let padded = given.is_none().then(|| padded_row(bytes.len(), frame_bytes, height));
@@ -178,8 +191,16 @@ impl PixelFormat {
                 Ok(plane)
             })
             .collect::<Result<_>>()?;
-        let facts =
-            Facts { bits: Some(self.bits), cfa: Some(self.cfa.clone()), ..Facts::default() };
+        let notes = match self.layout {
+            Layout::Pisp => vec![
+                "the Raspberry Pi 5 compressed these samples with loss: in steps of 16 to 512 of \
+                 65536, the larger the brighter or the busier a place is, and none below 2048"
+                    .to_string(),
+            ],
+            _ => Vec::new(),
+        };
+        let (bits, cfa) = (Some(self.bits), Some(self.cfa.clone()));
+        let facts = Facts { bits, cfa, notes, ..Facts::default() };
         Ok(Frames { planes, facts })
     }
 

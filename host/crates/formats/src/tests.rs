@@ -105,7 +105,7 @@ fn samples_come_back_from_every_format() {
                 }
                 let pixels = PixelFormat { cfa: Cfa::parse(cfa).unwrap(), bits, layout };
                 assert_eq!(PixelFormat::parse(&pixels.to_string()).unwrap(), pixels);
-                let bytes = pixels.encode(&frames).unwrap();
+                let bytes = pixels.encode(&frames, None).unwrap();
                 let back = pixels.decode(&bytes, 12, 10, None).unwrap();
                 assert_eq!(back.planes, frames.planes, "{pixels}");
                 assert_eq!(back.facts.cfa, frames.facts.cfa);
@@ -358,6 +358,33 @@ fn levels_that_cannot_be_are_refused_or_told() {
     let several = with((50717, 3, 2, 4000 << 16 | 4095)).unwrap().facts;
     assert_eq!(several.white_level_dn, Some(4095));
     assert!(several.notes[0].contains("4000"), "{:?}", several.notes);
+}
+
+/// Raw files in the makers' own formats are named, with what makes a DNG of them.
+#[test]
+fn raw_of_makers_is_named() {
+    let mut nef = by_hand(4, 2, &[b"NIKON\0\0\0", &[0; 8][..]].concat(), plain_strip(4000));
+    let version = nef.windows(4).position(|w| w == [0x12, 0xc6, 1, 0]).unwrap();
+    nef[version..version + 2].copy_from_slice(&[0x11, 0xc6]); // no DNGVersion
+    let tag = |nef: &mut Vec<u8>, old: u16, new: [u16; 2], count: u32, value: u32| {
+        let at = nef.windows(2).rposition(|w| w == old.to_le_bytes()).unwrap();
+        nef[at..at + 2].copy_from_slice(&new[0].to_le_bytes());
+        nef[at + 2..at + 4].copy_from_slice(&new[1].to_le_bytes());
+        nef[at + 4..at + 8].copy_from_slice(&count.to_le_bytes());
+        nef[at + 8..at + 12].copy_from_slice(&value.to_le_bytes());
+    };
+    tag(&mut nef, 33421, [271, 2], 6, 8); // Make
+    tag(&mut nef, 33422, [330, 4], 1, 8); // SubIFDs
+    for (bytes, name) in [
+        (nef, "NEF, Nikon"),
+        (b"II*\0\x10\0\0\0CR\x02\0........".to_vec(), "CR2, Canon"),
+        (b"\0\0\0\x18ftypcrx \0\0\0\x01".to_vec(), "CR3, Canon"),
+        (b"FUJIFILMCCD-RAW 0201".to_vec(), "RAF, Fujifilm"),
+        (b"IIU\0\x08\0\0\0".to_vec(), "RW2, Panasonic"),
+    ] {
+        let error = decode(&bytes).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains("DNG Converter"), "{name}: {error}");
+    }
 }
 
 /// DNG 1.4: the black level of a pixel is BlackLevel plus the deltas of its column and its row.

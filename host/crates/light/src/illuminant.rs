@@ -9,7 +9,8 @@
 //! | `F1` ... `F12` | CIE 15 table of fluorescent lamps, 380 to 780 nm |
 //! | `LED-B1` ... `LED-V2` | CIE 15:2018 table of LED lamps, 380 to 780 nm |
 //! | `blackbody:3200` | Planck's law, c2 = 1.438776877e-2 m K (CODATA 2018) |
-//! | `FILE.csv` | `wavelength_nm,power`, or as other programs write such tables |
+//! | `FILE` | `wavelength_nm,power`, or as other programs and light meters write such tables |
+//! | `FILE:column=NAME` | one of several curves in such a file |
 //!
 //! Those of the CIE's tables are dark outside them (daylight from 300 to 830 nm): beyond, the
 //! standard says nothing. A table in a file keeps its end values unless it says `# outside: zero`.
@@ -170,19 +171,24 @@ fn lamp(name: &str) -> Result<Option<Spectrum>> {
 }
 
 fn from_file(text: &str) -> Result<Spectrum> {
-    let path = Path::new(text);
     if !Illuminant::is_file(text) {
         return Err(unknown(text));
     }
-    let mut table = SpectralTable::read(path)?;
-    table.convert(Wanted::Power).map_err(|e| e.at(path.display()))?;
-    table.clip_noise();
+    let (file, column) = match text.split_once(":column=") {
+        Some((file, column)) => (file, Some(column)),
+        None => (text, None),
+    };
+    let path = Path::new(file);
+    let mut table = SpectralTable::read_column(path, column)?;
+    let names: Vec<String> = table.curves.iter().map(|(name, _)| name.clone()).collect();
+    let converted = table.convert(Wanted::Power).map_err(|e| e.at(path.display()));
     if table.curves.len() != 1 {
-        let count = table.curves.len();
-        return Err(Error::input(format!("{count} curves in an illuminant"))
+        return Err(Error::input(format!("{} curves in an illuminant", table.curves.len()))
             .at(path.display())
-            .help("give two columns, wavelength_nm,power, or a line \"# column: NAME\" that says which"));
+            .help(format!("choose one by {file}:column=NAME: {}", names.join(", "))));
     }
+    converted?;
+    table.clip_noise();
     let power = &table.curves[0].1;
     if let Some(i) = power.iter().position(|&p| p < 0.0) {
         return Err(Error::input(format!("power {} at {} nm", power[i], table.wavelength_nm[i]))

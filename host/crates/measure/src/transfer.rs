@@ -144,7 +144,7 @@ impl Transfer {
     /// `white` is the white level, DN.
     ///
     /// # Errors
-    /// Fewer than two levels for the fit, or a gain that is not positive.
+    /// No level for the fit, or a gain that is not positive.
     pub fn fit(
         channel: usize,
         darks: &[Level],
@@ -170,10 +170,10 @@ impl Transfer {
         let light = exposures(flats);
         let codes = ladder::codes(darks, flats);
         loop {
-            if used.iter().filter(|u| **u).count() < 2 {
-                return Err(Error::input("fewer than two flat levels below saturation").help(
-                    "photon transfer needs flats at several exposures between dark and \
-                     saturation; see the levels' share of samples at the white level",
+            if !used.contains(&true) {
+                return Err(Error::input("no flat level below saturation").help(
+                    "photon transfer needs flats between dark and saturation; see the levels' \
+                     share of samples at the white level",
                 ));
             }
             let response = light.as_ref().and_then(|h| fit_response(h, &signal, &used));

@@ -14,7 +14,8 @@ use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::effects::Effect;
 
 /// Metadata of a frame: colour matrices fitted over the ColorChecker's reflectances under A and
-/// D65, white of the scene's light, and the noise profile of the sensor model.
+/// D65, white of the scene's light, and the noise profile of the sensor model. Where no light is
+/// known, as of scenes of radiance, white is D65, the light of their pictures.
 pub fn dng_info(
     camera: &Camera,
     settings: &FrameSettings,
@@ -51,9 +52,9 @@ pub fn dng_info(
         };
         info.color_matrices =
             vec![ColorMatrix::of_a(matrix("A")?), ColorMatrix::of_d65(matrix("D65")?)];
-        if let Some(light) = light {
-            info.as_shot_neutral = Some(color::neutral(&sensitivity, &light.power)?);
-        }
+        let daylight = Illuminant::parse("D65")?;
+        let white = light.unwrap_or(&daylight);
+        info.as_shot_neutral = Some(color::neutral(&sensitivity, &white.power)?);
     }
     Ok(info)
 }
@@ -153,5 +154,29 @@ fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let scale = dn_per_e / range;
     let offset = read_e2 * scale * scale + 1.0 / (12.0 * range * range);
     let shot = if sensor.kept_noise == KeptNoise::None { 0.0 } else { scale };
-    vec![(shot, offset); if sensor.cfa.is_mono() { 1 } else { 3 }]
+    // DNG 1.4: a pair for all planes, or one for each.
+    vec![(shot, offset); if sensor.cfa.channels() == ['R', 'G', 'B'] { 3 } else { 1 }]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Scenes of radiance, whose light nobody knows, are shown as under D65.
+    #[test]
+    fn white_is_daylight_unless_the_light_is_known() {
+        let camera = Camera::load("mobile").unwrap();
+        let settings = camera.settings(0, 0.01, None);
+        let neutral = |light: Option<&str>| {
+            let light = light.map(|name| Illuminant::parse(name).unwrap());
+            let info = dng_info(&camera, &settings, light.as_ref(), "").unwrap();
+            info.as_shot_neutral.unwrap()
+        };
+        assert_eq!(neutral(None), neutral(Some("D65")));
+        assert!(neutral(Some("A"))[2] < neutral(None)[2]);
+        // That of the case files, from an independent sum over D65.
+        for (got, right) in neutral(None).iter().zip([0.6428, 1.0, 0.8221]) {
+            assert!((got - right).abs() < 1e-4, "{got} {right}");
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! How the samples of a row lie in its bytes.
 
+use super::pisp;
 use crate::Error;
 use camrig_base::Result;
 use camrig_packing::{Packing, WrongSize, pack_row, unpack_row};
@@ -16,6 +17,8 @@ pub enum Layout {
     Mipi,
     /// A stream of bits, each sample's lowest bit first (GenICam PFNC 2.x, `p`).
     LowestFirst,
+    /// A Raspberry Pi 5's compression with loss, read alone ([`super::pisp`]).
+    Pisp,
     /// Two samples in three bytes, the low bits of both in the middle one (GigE Vision,
     /// `Packed`).
     GigE,
@@ -29,6 +32,7 @@ impl Layout {
             Self::WordsBig => matches!(bits, 10 | 12 | 14 | 16),
             Self::Mipi | Self::LowestFirst => matches!(bits, 10 | 12 | 14),
             Self::GigE => matches!(bits, 10 | 12),
+            Self::Pisp => bits == 16,
         }
     }
 
@@ -39,7 +43,7 @@ impl Layout {
             (Self::Words, _) => Some(Packing::Le16),
             (Self::WordsBig, _) => Some(Packing::Raw16),
             (Self::Mipi, _) => Packing::of_bits(bits),
-            (Self::LowestFirst | Self::GigE, _) => None,
+            (Self::LowestFirst | Self::GigE | Self::Pisp, _) => None,
         }
     }
 
@@ -50,6 +54,9 @@ impl Layout {
     pub(super) fn row_bytes(self, bits: u32, width: usize) -> Result<usize> {
         if let Some(packing) = self.packing(bits) {
             return Ok(packing.row_bytes(width));
+        }
+        if self == Self::Pisp {
+            return Ok(width.next_multiple_of(pisp::GROUP));
         }
         let row_bits = match self {
             Self::GigE => width.saturating_mul(12),
@@ -68,6 +75,10 @@ impl Layout {
     pub(super) fn pack(self, bits: u32, row: &[u16], out: &mut [u8]) -> Result<()> {
         if let Some(packing) = self.packing(bits) {
             return pack_row(packing, row, out).map_err(wrong_size);
+        }
+        if self == Self::Pisp {
+            return Err(Error::unsupported("writing raw in a Raspberry Pi 5's compression")
+                .help("write words, for instance SRGGB16; this compression is read alone"));
         }
         if self == Self::GigE {
             let low_bits = bits - 8;
@@ -101,6 +112,10 @@ impl Layout {
     pub(super) fn unpack(self, bits: u32, bytes: &[u8], row: &mut [u16]) -> Result<()> {
         if let Some(packing) = self.packing(bits) {
             return unpack_row(packing, bytes, row).map_err(wrong_size);
+        }
+        if self == Self::Pisp {
+            pisp::unpack(bytes, row);
+            return Ok(());
         }
         if self == Self::GigE {
             let low_bits = bits - 8;

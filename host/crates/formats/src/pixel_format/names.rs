@@ -14,7 +14,7 @@ const GENICAM: [&str; 4] = ["BayerRG", "BayerGR", "BayerGB", "BayerBG"];
 /// Four-character codes of V4L2 that are not words of a name: code, pattern (`Y` without colour
 /// filters), bits, layout. Codes that are only the letters of a pattern (`RGGB` for 8 bits) are
 /// left out: in a file's name they stand for the pattern.
-const CODES: [(&str, &str, u32, Layout); 32] = [
+const CODES: [(&str, &str, u32, Layout); 37] = [
     ("BA81", "BGGR", 8, Layout::Words),
     ("BG10", "BGGR", 10, Layout::Words),
     ("GB10", "GBRG", 10, Layout::Words),
@@ -44,6 +44,11 @@ const CODES: [(&str, &str, u32, Layout); 32] = [
     ("GB16", "GBRG", 16, Layout::Words),
     ("GR16", "GRBG", 16, Layout::Words),
     ("RG16", "RGGB", 16, Layout::Words),
+    ("PC1R", "RGGB", 16, Layout::Pisp),
+    ("PC1G", "GRBG", 16, Layout::Pisp),
+    ("PC1g", "GBRG", 16, Layout::Pisp),
+    ("PC1B", "BGGR", 16, Layout::Pisp),
+    ("PC1M", "Y", 16, Layout::Pisp),
     ("GREY", "Y", 8, Layout::Words),
     ("GRAY", "Y", 8, Layout::Words),
     ("GRAY8", "Y", 8, Layout::Words),
@@ -55,6 +60,10 @@ pub(super) fn find(name: &str) -> Option<PixelFormat> {
         return format(pattern, bits, layout);
     }
     let upper = name.to_ascii_uppercase();
+    if let Some(pattern) = upper.strip_suffix("_PISP_COMP1") {
+        let pattern = if pattern == "MONO" { "Y" } else { pattern };
+        return format(pattern, 16, Layout::Pisp);
+    }
     genicam(&upper).or_else(|| ffmpeg(&upper)).or_else(|| linux(&upper))
 }
 
@@ -132,6 +141,8 @@ pub(super) fn name(format: &PixelFormat) -> String {
     let linux = if index.is_some() { format!("S{cfa}{bits}") } else { format!("Y{bits}") };
     let genicam = index.map_or("Mono", |i| GENICAM[i]);
     match layout {
+        Layout::Pisp if index.is_none() => "MONO_PISP_COMP1".into(),
+        Layout::Pisp => format!("{cfa}_PISP_COMP1"),
         Layout::Words => linux,
         Layout::WordsBig => format!("{linux}_BE"),
         Layout::Mipi => format!("{linux}P"),

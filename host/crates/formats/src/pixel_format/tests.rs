@@ -79,10 +79,47 @@ fn packings_of_machine_vision() {
         let pixels = PixelFormat::parse(name).unwrap();
         let back = pixels.decode(bytes, samples.len(), 1, None).unwrap();
         assert_eq!(back.planes[0].data, samples, "{name}");
-        assert_eq!(pixels.encode(&back).unwrap(), bytes, "{name}");
+        assert_eq!(pixels.encode(&back, None).unwrap(), bytes, "{name}");
         let error = pixels.decode(bytes, 1, 1, None).unwrap_err().to_string();
         assert!(error.contains("1 pixels, packed"), "{error}");
     }
+}
+
+/// A Raspberry Pi 5's compression under the names of V4L2 and libcamera; nothing writes it.
+#[test]
+fn raw_of_a_raspberry_pi_5_is_read() {
+    let word = 0x7921_d6b9u32.to_le_bytes();
+    let bytes = [word, word].concat();
+    for (name, cfa) in [
+        ("PC1R", "RGGB"),
+        ("GBRG_PISP_COMP1", "GBRG"),
+        ("PC1g", "GBRG"),
+        ("mono_pisp_comp1", "mono"),
+    ] {
+        let pixels = PixelFormat::parse(name).unwrap();
+        assert_eq!(PixelFormat::parse(&pixels.to_string()).unwrap(), pixels);
+        let back = pixels.decode(&bytes, 7, 1, None).unwrap();
+        assert_eq!(back.planes[0].data[4..], [29568, 29568, 29312]);
+        assert_eq!(back.facts.cfa, Cfa::parse(cfa).ok());
+        assert!(back.facts.notes[0].contains("with loss"));
+        assert!(pixels.encode(&back, None).is_err());
+    }
+    let named = PixelFormat::from_file_name(Path::new("a_64x8_BGGR_PISP_COMP1.raw")).unwrap();
+    assert_eq!((named.0.to_string().as_str(), named.1), ("BGGR_PISP_COMP1", Some((64, 8))));
+}
+
+/// Rows of 4 bytes in rows of 6: what is written is read.
+#[test]
+fn rows_are_padded_on_output() {
+    let data = vec![1, 2, 3, 4];
+    let planes = vec![Plane { width: 2, height: 2, data }];
+    let frames = Frames { planes, facts: Facts::default() };
+    let words = PixelFormat::parse("Y12").unwrap();
+    let bytes = words.encode(&frames, Some(6)).unwrap();
+    assert_eq!(bytes, [1, 0, 2, 0, 0, 0, 3, 0, 4, 0, 0, 0]);
+    assert_eq!(words.decode(&bytes, 2, 2, Some(6)).unwrap().planes, frames.planes);
+    assert!(words.encode(&frames, Some(3)).unwrap_err().to_string().contains("takes 4"));
+    assert!(words.encode(&frames, Some(usize::MAX)).is_err());
 }
 
 /// A pattern without a name goes out as words without colour filters, with a note; a Bayer pattern
@@ -96,12 +133,12 @@ fn patterns_without_a_name_are_left_out_and_told() {
     let words = PixelFormat::parse("Y12").unwrap();
     for cfa in ["RRGG/RRGG/GGBB/GGBB", "RC/CC", "BGRG/GIGI/RGBG/GIGI"] {
         frames.facts.cfa = Some(Cfa::parse(cfa).unwrap());
-        assert_eq!(words.encode(&frames).unwrap(), [1, 0, 2, 0, 3, 0, 0xFF, 0x0F], "{cfa}");
+        assert_eq!(words.encode(&frames, None).unwrap(), [1, 0, 2, 0, 3, 0, 0xFF, 0x0F], "{cfa}");
         assert!(words.leaves_out(&frames.facts).unwrap().contains("pattern"));
-        assert!(PixelFormat::parse("SRGGB12").unwrap().encode(&frames).is_err());
+        assert!(PixelFormat::parse("SRGGB12").unwrap().encode(&frames, None).is_err());
     }
     frames.facts.cfa = Some(Cfa::parse("RGGB").unwrap());
-    assert!(words.encode(&frames).is_err());
+    assert!(words.encode(&frames, None).is_err());
     frames.facts.cfa = Some(Cfa::parse("mono").unwrap());
     assert_eq!(words.leaves_out(&frames.facts), None);
 }

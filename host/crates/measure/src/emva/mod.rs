@@ -98,8 +98,10 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     let levels: Vec<Level> =
         flats.iter().filter(|(_, l)| in_ladder(&l.id)).map(|f| f.1.clone()).collect();
     if levels.len() < MIN_LEVELS {
-        return Err(Error::input(format!("{} flat levels", levels.len()))
-            .help("the standard requires 50, from dark to saturation; three are the minimum"));
+        return Err(Error::input(format!("{} flat levels", levels.len())).help(
+            "the standard requires 50, from dark to saturation; three are the minimum. \
+                   `measure ptc` gives gain and read noise of one",
+        ));
     }
     let stacks = match &pair {
         Some(p) => Some((

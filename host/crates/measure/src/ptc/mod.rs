@@ -123,7 +123,7 @@ pub struct Ptc {
 /// Runs the photon transfer on the analog gain and light with most flats.
 ///
 /// # Errors
-/// Darks or flats missing, single frames, the same frame twice, fewer than two usable flat levels,
+/// Darks or flats missing, single frames, the same frame twice, no usable flat level,
 /// a black level or flats that the darks contradict.
 pub fn measure(set: &CaptureSet) -> Result<Ptc> {
     of_selection(set, &Selection::of(set)?)

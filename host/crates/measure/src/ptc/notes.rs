@@ -62,6 +62,12 @@ pub(super) fn channel_notes(t: &Transfer, flats: &[Level], name: &str, notes: &m
             excluded.join(", ")
         ));
     }
+    if t.used.iter().filter(|used| **used).count() == 1 {
+        notes.push(format!(
+            "channel {name}: one flat level: its gain is the difference of its variance and the \
+             darks' over that of their means, and nothing checks that it is the same at others"
+        ));
+    }
     if t.response.is_none() {
         notes.push(format!(
             "channel {name}: the light of the levels is unknown (or fewer than five are \
