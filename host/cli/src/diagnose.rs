@@ -165,6 +165,15 @@ fn say(found: &Report) {
     for nuisance in &found.nuisances {
         println!("  {}", nuisance.line());
     }
+    for e in found.evidence.iter().filter(|e| e.is_named()) {
+        println!(
+            "  evidence of {} ({}, {:+.0} standard errors): {}",
+            e.effect,
+            e.status.words(),
+            e.deviation,
+            if e.amounts.is_empty() { e.description.clone() } else { e.amounts_in_words() },
+        );
+    }
     for step in &found.steps {
         if let Some(description) = &step.description {
             println!("  {} ({}): {description}", step.effect, step.status.word());

@@ -8,7 +8,7 @@ use super::inspect::inspect;
 use super::options::Options;
 use super::torn;
 use camrig_base::{Error, Plane, Result};
-use camrig_captures::{CaptureSet, Role};
+use camrig_captures::{Capture, CaptureSet, Role};
 
 /// A capture set with its findings; its frames are corrected as they are read.
 pub struct Cleaned {
@@ -108,19 +108,49 @@ impl Cleaned {
     pub fn for_each_batch(
         &self,
         index: usize,
-        mut each: impl FnMut(&[Plane<u16>]) -> Result<()>,
+        each: impl FnMut(&[Plane<u16>]) -> Result<()>,
     ) -> Result<usize> {
         let capture = &self.raw.captures[index];
         if !self.corrections.change_frames_of(index) {
             return self.raw.for_each_batch(capture, each);
         }
-        let mut first = 0;
+        self.corrected(index, capture, each)
+    }
+
+    /// As [`Cleaned::for_each_batch`], with the torn frames among them.
+    ///
+    /// # Errors
+    /// Those of [`CaptureSet::for_each_batch`].
+    pub fn for_each_batch_with_torn(
+        &self,
+        index: usize,
+        each: impl FnMut(&[Plane<u16>]) -> Result<()>,
+    ) -> Result<usize> {
+        let capture = Capture { left_out: Vec::new(), ..self.raw.captures[index].clone() };
+        self.corrected(index, &capture, each)
+    }
+
+    /// The frames of a capture, corrected: samples are replaced by the numbers of frames that are
+    /// not torn.
+    fn corrected(
+        &self,
+        index: usize,
+        capture: &Capture,
+        mut each: impl FnMut(&[Plane<u16>]) -> Result<()>,
+    ) -> Result<usize> {
+        let torn = match capture.left_out.is_empty() {
+            true => &self.raw.captures[index].left_out[..],
+            false => &[],
+        };
+        let (mut all, mut whole) = (0, 0);
         self.raw.for_each_batch(capture, |planes| {
             let mut planes = planes.to_vec();
-            for (i, plane) in planes.iter_mut().enumerate() {
-                self.corrections.apply_to_frame(index, first + i, plane);
+            for plane in &mut planes {
+                let number = (!torn.contains(&all)).then_some(whole);
+                self.corrections.apply_to_frame(index, number, plane);
+                whole += usize::from(number.is_some());
+                all += 1;
             }
-            first += planes.len();
             each(&planes)
         })
     }

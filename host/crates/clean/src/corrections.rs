@@ -59,8 +59,9 @@ impl Corrections {
         self.step.is_some() || self.replaced.get(&capture).is_some_and(|r| !r.is_empty())
     }
 
-    /// Corrects a frame of a capture.
-    pub fn apply_to_frame(&self, capture: usize, frame: usize, plane: &mut Plane<u16>) {
+    /// Corrects a frame of a capture, whose number none has that is left out.
+    pub fn apply_to_frame(&self, capture: usize, frame: Option<usize>, plane: &mut Plane<u16>) {
+        let frame = frame.unwrap_or(usize::MAX);
         let replaced = self.replaced.get(&capture).map_or(&[][..], Vec::as_slice);
         let start = replaced.partition_point(|r| r.frame < frame);
         for r in replaced[start..].iter().take_while(|r| r.frame == frame) {

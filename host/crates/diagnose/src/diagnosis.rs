@@ -4,10 +4,11 @@ use crate::data::codes;
 use crate::data::design::{self, Design, Halves};
 use crate::explanation::explain;
 use crate::measured::{Keep, Measured};
+use crate::names::Names;
 use crate::options::{Options, Progress};
 use crate::report::{Comparison, Report};
-use crate::search::Outcome;
 use crate::search::evaluation::{Evaluation, RUNS};
+use crate::search::{Known, Outcome};
 use crate::verdict;
 use crate::verdict::improved::{self, ImprovedFile};
 use camrig_base::{Bands, Result};
@@ -34,10 +35,18 @@ pub struct Diagnosis {
 /// Files that cannot be read, captures that cannot be the camera's or that contradict their
 /// manifest, and models that cannot be simulated.
 pub fn diagnose(camera: &Camera, set: CaptureSet, options: &Options<'_>) -> Result<Diagnosis> {
-    let (camera, measured) = measure(camera, set, Keep::Moments, options)?;
+    let (camera, cleaned, measured) = measure(camera, set, Keep::Moments, options)?;
     let trying = |what: &str| options.report(Progress::Trying(what));
-    let (measured, outcome) = explain(&measured, &camera, &options.without, &trying)?;
-    let report = verdict::report(&measured, &outcome);
+    trying("effects by their own evidence");
+    let names = match measured.processed {
+        true => None,
+        false => Names::of(&camera, &cleaned, &measured)?,
+    };
+    let seeds = names.as_ref().map_or_else(Vec::new, |n| n.proposals(&camera));
+    let known = Known { seeds: &seeds, without: &options.without };
+    let (measured, outcome) = explain(&measured, &camera, &known, &trying)?;
+    let evidence = names.map_or_else(|| Ok(Vec::new()), |n| n.judge(&outcome))?;
+    let report = verdict::report(&measured, &outcome, evidence);
     Ok(Diagnosis { report, measured, outcome })
 }
 
@@ -46,7 +55,7 @@ pub fn diagnose(camera: &Camera, set: CaptureSet, options: &Options<'_>) -> Resu
 /// # Errors
 /// Those of [`diagnose()`].
 pub fn compare(camera: &Camera, set: CaptureSet, options: &Options<'_>) -> Result<Comparison> {
-    let (camera, measured) = measure(camera, set, Keep::Statistics, options)?;
+    let (camera, _, measured) = measure(camera, set, Keep::Statistics, options)?;
     let model = Evaluation::new(&measured, camera, Vec::new(), RUNS)?;
     Ok(verdict::comparison(&measured, &model))
 }
@@ -77,13 +86,13 @@ impl Diagnosis {
 }
 
 /// Cleans, divides and measures a set. Returns also the camera in the digital numbers of the
-/// cleaned frames, and with their size.
+/// cleaned frames, and with their size, and these frames.
 fn measure(
     camera: &Camera,
     mut set: CaptureSet,
     keep: Keep,
     options: &Options<'_>,
-) -> Result<(Camera, Measured)> {
+) -> Result<(Camera, Cleaned, Measured)> {
     if let Some(region) = options.region {
         set = set.within(region)?;
     }
@@ -109,7 +118,7 @@ fn measure(
     measured.findings.iter().map(Finding::line).for_each(|l| options.report(Progress::Note(&l)));
     notes.extend(of_set);
     measured.notes = notes;
-    Ok((camera, measured))
+    Ok((camera, cleaned, measured))
 }
 
 /// Notes on the tables of a camera file in the light of a set, each once.
@@ -132,4 +141,147 @@ fn frames_to_measure(halves: &Halves) -> usize {
         stacks.chain(d.targets.iter().map(|t| t.stack.frames)).sum::<usize>()
     };
     of(&halves.fit) + halves.holdout.as_ref().map_or(0, of)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::{Amount, Evidence};
+    use serde_json::Value as Json;
+    use std::collections::BTreeSet;
+
+    const CAMERA: &str = r#"
+name = "like an ASI120"
+[lens]
+kind = "diffraction-limited"
+f_number = 2.8
+focal_length_mm = 8.0
+[sensor]
+width = 320
+height = 240
+pitch_um = 3.75
+fill_factor = 1.0
+cfa = "GRBG"
+qe = "qe.csv"
+conversion_gain_uv_per_e = 50.0
+full_well_e = 15166.7
+bits = 12
+black_level_dn = 144
+temperature_c = 25.0
+seed = 1
+[sensor.noise]
+read_e = 6.0
+dark_current_e_per_s = 0.0
+dark_doubling_c = 7.0
+temperature_ref_c = 25.0
+dsnu_e_per_s = 0.0
+prnu = 0.008
+row_fpn_e = 0.0
+"#;
+
+    fn camera() -> Camera {
+        let folder = tempfile::tempdir().unwrap();
+        let qe: String =
+            (300..=1100).step_by(20).map(|nm| format!("{nm},0.5,0.6,0.3\n")).collect();
+        std::fs::write(folder.path().join("qe.csv"), format!("wavelength_nm,r,g,b\n{qe}"))
+            .unwrap();
+        let path = folder.path().join("camera.toml");
+        std::fs::write(&path, CAMERA).unwrap();
+        Camera::load(path.to_str().unwrap()).unwrap()
+    }
+
+    /// Collects amounts that are more than three errors of another program's figure from it.
+    fn compare(golden: &Json, crop: &str, found: &[Evidence], wrong: &mut Vec<String>) {
+        let mut check = |effect: &str, amount: &str, quantity: &str, root: bool| {
+            let right = &golden["quantities"][quantity][crop];
+            let (value, error) =
+                (right["value"].as_f64().unwrap(), right["error"].as_f64().unwrap());
+            let right = match root {
+                true => [value.sqrt(), 0.5 * error / value.sqrt()],
+                false => [value, error],
+            };
+            let of = |e: &&Evidence| e.effect == effect;
+            let amounts = found.iter().find(of).map_or(&[][..], |e| &e.amounts);
+            let own = amounts.iter().find(|a: &&Amount| a.name == amount).map(|a| a.value);
+            if !own.is_some_and(|own| (own - right[0]).abs() <= 3.0 * right[1]) {
+                wrong.push(format!("{crop}: {effect} {amount}: {own:?}, right {right:?}"));
+            }
+        };
+        let sites = ["site 0,0", "site 1,0", "site 0,1", "site 1,1"];
+        for (amount, site) in sites.iter().zip(["G(0,0)", "R(0,1)", "B(1,0)", "G(1,1)"]) {
+            check("gain-by-site", amount, &format!("gain {site}"), false);
+            check("prnu", amount, &format!("prnu {site}"), false);
+            check("black-level-offset", amount, &format!("black bias {site}"), false);
+            check("dark-current-by-site", amount, &format!("dark current median {site}"), false);
+        }
+        check("dark-current", "median", "dark_median_dn_s", false);
+        check("row-temporal-noise", "sigma", "row_common_var", true);
+        check("row-noise-of-opposite-sign", "sigma", "row_anti_var", true);
+        check("frame-offset-by-site", "sigma", "frame_site_offset_var", true);
+        check("random-telegraph-noise", "share", "read_noisy_share", false);
+        check("flicker-banding", "cycles_per_row", "flicker_cycles_per_row_flat", false);
+        check("flicker-banding", "depth_after_exposure", "flicker_depth_flat", false);
+        check("hot-pixels", "share", "hot_share", false);
+    }
+
+    #[test]
+    fn a_real_sensor_has_its_names_by_evidence_at_every_crop_and_never_fewer_at_a_larger_one() {
+        let (Some(folder), Some(golden)) = (
+            camrig_testing::shared("data/captures/asi120_zwo"),
+            camrig_testing::shared("golden/asi120/asi120.json"),
+        ) else {
+            return;
+        };
+        let golden: Json = serde_json::from_slice(&std::fs::read(golden).unwrap()).unwrap();
+        let (camera, mut wrong) = (camera(), Vec::new());
+        let mut smaller: BTreeSet<String> = BTreeSet::new();
+        for (crop, [width, height]) in [
+            ("64x64", [64, 64]),
+            ("128x128", [128, 128]),
+            ("192x160", [192, 160]),
+            ("320x240", [320, 240]),
+        ] {
+            let at = |axis: &str| golden["crops"][crop][axis].as_u64().unwrap() as usize;
+            let set = CaptureSet::load(&folder).unwrap();
+            let set = set.within([at("x"), at("y"), width, height]).unwrap();
+            let options = Options::default();
+            let (camera, cleaned, measured) =
+                measure(&camera, set, Keep::Moments, &options).unwrap();
+            let names = Names::of(&camera, &cleaned, &measured).unwrap().unwrap();
+            let found = names.evidence(&names.given, &[], false);
+            compare(&golden, crop, &found, &mut wrong);
+            for seed in 1..=if width == 64 { 20 } else { 0 } {
+                let (most, effect) = names.by_chance(&camera, seed);
+                if most > 5.0 {
+                    wrong.push(format!("nothing hidden, seed {seed}: {effect} by {most}"));
+                }
+            }
+            let named = found.iter().filter(|e| e.is_named()).map(|e| e.effect.clone());
+            let named: BTreeSet<String> = named.collect();
+            let lost: Vec<&String> = smaller.difference(&named).collect();
+            if !lost.is_empty() {
+                wrong.push(format!("{crop}: no longer named: {lost:?}"));
+            }
+            let blinking = found.iter().find(|e| e.effect == "dark-current-telegraph-noise");
+            println!("{crop}: {named:?}; {blinking:?}");
+            smaller = named;
+        }
+        for name in [
+            "torn-frames",
+            "gain-by-site",
+            "dark-current",
+            "row-temporal-noise",
+            "row-noise-of-opposite-sign",
+            "frame-offset-by-site",
+            "random-telegraph-noise",
+            "flicker-banding",
+            "prnu",
+            "dark-current-telegraph-noise",
+        ] {
+            if !smaller.contains(name) {
+                wrong.push(format!("{name} is not named"));
+            }
+        }
+        assert!(wrong.is_empty(), "{wrong:#?}");
+    }
 }

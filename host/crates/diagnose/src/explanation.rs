@@ -6,7 +6,7 @@
 
 use crate::measured::Measured;
 use crate::search::evaluation::{Evaluation, RUNS};
-use crate::search::{self, Outcome};
+use crate::search::{self, Known, Outcome};
 use crate::shapes::detectors::{
     Detector, MEAN_DETECTORS, RESIDUAL_DETECTORS, SMOOTH_DETECTORS, detect,
 };
@@ -27,10 +27,10 @@ const GAIN: f64 = search::EVIDENCE_IN_ALL;
 pub fn explain(
     measured: &Measured,
     camera: &Camera,
-    without: &[String],
+    known: &Known<'_>,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<(Measured, Outcome)> {
-    let search = |rest: &Measured| search::run(rest, camera, without, trying);
+    let search = |rest: &Measured| search::run(rest, camera, known, trying);
     if measured.processed {
         // Their noise is that of the processing, in which shapes would be found.
         return Ok((measured.clone(), search(measured)?));
@@ -65,7 +65,7 @@ pub fn explain(
     }
     if !shapes.is_empty() {
         trying("the model with the shapes");
-        found = with_shapes(&measured, found, &shapes, without, trying)?;
+        found = with_shapes(&measured, found, &shapes, known, trying)?;
     }
     Ok((measured, found))
 }
@@ -160,7 +160,7 @@ fn with_shapes(
     measured: &Measured,
     found: Outcome,
     shapes: &[Box<dyn Shape>],
-    without: &[String],
+    known: &Known<'_>,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     let shapes_alone = simulating(measured, &found.before, shapes)?;
@@ -168,7 +168,7 @@ fn with_shapes(
     let after = simulating(measured, &found.after, shapes)?;
     let mut found = Outcome { after, gap_with_shapes, ..found };
     if !found.after.passes() {
-        let other = search::run_from(measured, shapes_alone, without, trying)?;
+        let other = search::run_from(measured, shapes_alone, known, trying)?;
         if cost(&other.after) + GAIN < cost(&found.after) {
             found = Outcome { before: found.before, gap_with_shapes, ..other };
         }

@@ -11,10 +11,11 @@
 //! 4. [`model`]: replicates of the same stacks simulated by `sensor-core` itself; mean and scatter
 //!    of every statistic, deviations, deviance.
 //! 5. [`evidence`], [`candidates`]: how large each effect of the catalogue would have to be.
-//! 6. [`search`]: forward selection and backward elimination; standard errors.
-//! 7. [`shapes`]: what no effect of the catalogue describes. They are subtracted from what was
+//! 6. `names`: each effect by its own statistic, which the search may start from.
+//! 7. [`search`]: forward selection and backward elimination; standard errors.
+//! 8. [`shapes`]: what no effect of the catalogue describes. They are subtracted from what was
 //!    measured, and the search names effects in the rest.
-//! 8. [`verdict`]: the report, statistics in words, the camera file with what was found.
+//! 9. [`verdict`]: the report, statistics in words, the camera file with what was found.
 //!
 //! The **gap** is the mean over statistics of the squared deviation of the held-out frames from
 //! the model, in units of what a replicate of the model scores against other replicates: 1.0 is as
@@ -44,6 +45,7 @@ mod explanation;
 pub mod finding;
 pub mod measured;
 pub mod model;
+mod names;
 mod options;
 pub mod report;
 pub mod search;

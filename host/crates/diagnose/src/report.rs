@@ -3,6 +3,7 @@
 //! Fields are in the order of the file's keys, which is alphabetical. A number that is not finite,
 //! or that was not determined, is `null` in the file.
 
+use camrig_base::numbers::with_error;
 pub use camrig_clean::Finding;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -15,6 +16,9 @@ pub const FORMAT: &str = "diagnosis/1";
 pub struct Report {
     /// Pairs of effects that the captures cannot distinguish.
     pub ambiguous: Vec<Ambiguity>,
+    /// Effects by their own statistics, whatever else is left.
+    #[serde(default)]
+    pub evidence: Vec<Evidence>,
     /// [`FORMAT`].
     pub format: String,
     /// Held-out gap of the improved model.
@@ -46,6 +50,89 @@ pub struct Report {
     pub unexplained: Vec<Unexplained>,
     /// The verdict.
     pub verdict: Verdict,
+}
+
+/// An effect by the statistic that shows it, of dark and flat stacks of one gain.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// How much of it is in the captures.
+    pub amounts: Vec<Amount>,
+    /// The statistic that shows it; of what cannot be decided, why.
+    pub description: String,
+    /// Captures less model as given, standard errors.
+    #[serde(with = "number")]
+    pub deviation: f64,
+    /// Captures less improved model, standard errors.
+    #[serde(with = "number")]
+    pub deviation_after: f64,
+    /// Its name: that of the catalogue, where it is in the catalogue.
+    pub effect: String,
+    /// Chance that one of all tests deviates by so much where nothing is hidden.
+    #[serde(with = "number")]
+    pub false_alarm: f64,
+    /// What the evidence says.
+    pub status: EvidenceStatus,
+}
+
+/// What the evidence says of an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EvidenceStatus {
+    /// It is there.
+    Named,
+    /// It is there, and the captures show a part of what it is.
+    InPart,
+    /// Its statistic deviates, and the effects that were named explain that.
+    Explained,
+    /// The captures cannot decide.
+    NotDecidable,
+    /// Its statistic is as the model predicts.
+    Absent,
+}
+
+impl EvidenceStatus {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Named => "named",
+            Self::InPart => "named in part",
+            Self::Explained => "explained by others",
+            Self::NotDecidable => "not decidable",
+            Self::Absent => "absent",
+        }
+    }
+}
+
+/// An amount in the captures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Amount {
+    /// What it is.
+    pub name: String,
+    /// Its standard error.
+    #[serde(with = "number")]
+    pub std_error: f64,
+    /// Its unit.
+    pub unit: String,
+    /// Its value.
+    #[serde(with = "number")]
+    pub value: f64,
+}
+
+impl Evidence {
+    /// Whether it names its effect.
+    pub fn is_named(&self) -> bool {
+        matches!(self.status, EvidenceStatus::Named | EvidenceStatus::InPart)
+    }
+
+    /// Its amounts in one line.
+    pub fn amounts_in_words(&self) -> String {
+        let of = |a: &Amount| {
+            let unit = if a.unit == "1" { "" } else { &a.unit };
+            let value = with_error(a.value, Some(a.std_error));
+            format!("{} {value} {unit}", a.name).trim_end().to_owned()
+        };
+        self.amounts.iter().map(of).collect::<Vec<_>>().join(", ")
+    }
 }
 
 /// The verdict in one word.
@@ -447,6 +534,7 @@ mod tests {
                 effects: ["system-gain".into(), "quantum-efficiency".into()],
                 tie_breaker: "flats".into(),
             }],
+            evidence: Vec::new(),
             format: FORMAT.into(),
             gap_after: 1.0,
             gap_before: 15.25,

@@ -188,6 +188,11 @@ impl Temporal {
 }
 
 impl Bias {
+    /// How many frames the stack has.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
     /// Of a dark stack of two frames or more.
     pub fn of(stack: &Stack, sites: Sites) -> Self {
         let (width, height) = stack.size();
@@ -296,11 +301,10 @@ fn spread_of_noise(variances: &[f64], dof: f64) -> Value {
     /// Least variance whose logarithm is taken, DN².
     const LEAST: f64 = 1e-3;
     let width = Sorted::new(variances.iter().map(|v| libm::log(v.max(LEAST)))).lower_sd();
-    let own = (width.value.powi(2) - trigamma(0.5 * dof)).max(0.0).sqrt();
-    Value {
-        value: 0.5 * own,
-        std_error: 0.5 * width.std_error * width.value / own.max(width.std_error),
-    }
+    let own = (width.value.powi(2) - trigamma(0.5 * dof)).max(0.0);
+    // The root of a square that is one error larger: finite where there is no spread.
+    let above = own + 2.0 * width.value * width.std_error;
+    Value::new(0.5 * own.sqrt(), 0.5 * (above.sqrt() - own.sqrt()))
 }
 
 /// The fixed pattern by the products of the means of even and odd frames, in which noise does not

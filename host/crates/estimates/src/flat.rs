@@ -25,6 +25,8 @@ const REACH: usize = 4;
 pub struct Flat {
     /// The stack.
     pub stack: String,
+    /// Its exposure time, s.
+    pub exposure_s: f64,
     /// The strongest frequency over rows.
     pub flicker: Flicker,
     /// Standard deviation of the logarithm of the light from frame to frame.
@@ -105,6 +107,7 @@ impl Flat {
         });
         Self {
             stack: stack.id.clone(),
+            exposure_s: stack.exposure_s,
             flicker: Flicker::of(&lines),
             frame_sd: Value { value: frame_sd, std_error: frame_sd / (2.0 * (n - 1.0)).sqrt() },
             sites: by_site.collect(),

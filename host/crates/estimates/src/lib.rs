@@ -77,6 +77,14 @@ pub struct Estimates {
     pub frame_offsets: Option<dark::FrameOffsets>,
     /// Pixels that blink.
     pub telegraph: telegraph::Telegraph,
+    size: (usize, usize),
+}
+
+impl Estimates {
+    /// Columns and rows of the frames.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
 }
 
 /// Estimates everything that the dark and flat stacks of one analog gain show. The dark stack with
@@ -106,7 +114,7 @@ pub fn estimate(stacks: &[Stack], sites: Sites) -> Result<Estimates> {
     let dark_current = dark::DarkCurrent::of(&darks, &bias, sites, dn_per_e);
     let frame_offsets = dark::FrameOffsets::of(&darks, &bias, dn_per_e);
     let telegraph = telegraph::Telegraph::of(&darks, &bias, dn_per_e);
-    Ok(Estimates { torn, bias, flats, gain, dark_current, frame_offsets, telegraph })
+    Ok(Estimates { torn, bias, flats, gain, dark_current, frame_offsets, telegraph, size })
 }
 
 #[cfg(test)]

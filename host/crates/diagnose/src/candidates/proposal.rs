@@ -23,6 +23,8 @@ pub struct Proposal {
     /// Whether the estimate comes from captures of targets (edges, dots, charts) rather than from
     /// dark and flat stacks.
     pub of_targets: bool,
+    /// Whether it stands out in its own statistic, whatever the model leaves elsewhere.
+    pub by_evidence: bool,
     /// Whether the effects are added to others of their kind instead of replacing them.
     pub beside: bool,
     /// Parameters by key, in the units of the catalogue, with standard errors; the standard error
@@ -35,7 +37,7 @@ pub struct Proposal {
 impl Proposal {
     /// An effect of the sensor with estimates of its parameters, by key, from dark and flat stacks;
     /// other parameters have their default. `None` where one is out of its range.
-    pub(super) fn of(
+    pub(crate) fn of(
         kind: &'static str,
         strength: f64,
         parameters: impl Into<Vec<(&'static str, Value)>>,
@@ -64,6 +66,7 @@ impl Proposal {
             effects: Vec::new(),
             revised: Vec::new(),
             of_targets: true,
+            by_evidence: false,
             beside: false,
             parameters: Vec::new(),
             strength,
@@ -114,7 +117,8 @@ impl Proposal {
 
     /// A later estimate of this proposal: its values, with the strength found first.
     pub fn updated(&self, later: Proposal) -> Proposal {
-        Proposal { strength: self.strength, beside: self.beside, ..later }
+        let Self { strength, beside, by_evidence, .. } = *self;
+        Proposal { strength, beside, by_evidence, ..later }
     }
 
     /// Gives the parameters the values of an effect.
@@ -127,7 +131,7 @@ impl Proposal {
     }
 
     /// Whether every parameter is within the catalogue's range.
-    pub(super) fn is_possible(&self) -> bool {
+    pub(crate) fn is_possible(&self) -> bool {
         let in_range = |e: &AnyEffect| AnyEffect::new(e.kind(), &e.values()).is_some();
         self.strength.is_finite() && self.effects.iter().chain(&self.revised).all(in_range)
     }

@@ -62,20 +62,45 @@ fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result
     let mut collector = Collector::new(w, h, u32::from(config.bits), planes);
     let light = EvenLight::new(config, condition);
     let stack = &condition.stack;
-    let simulated = |frame: usize| {
-        let settings = settings(stack, stack.skip + frame);
-        let share = stack.variation.light_of(frame) as f32;
-        let config = with_offset(config, stack.variation.offset_of(frame));
-        let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
-        rows::<Float>(&config, &settings, &mut light.of_frame(share), 0, &mut plane.data)?;
-        Ok(plane)
-    };
+    let simulated = |i: usize| frame(config, &light, stack, i);
     for batch in batches(stack.frames) {
         // Where frames are few and large, processors share the frames of a stack.
         let frames: Result<Vec<_>> = batch.into_par_iter().map(simulated).collect();
         collector.add(&frames?);
     }
     Ok(collector.finish().without_border(&config.pattern))
+}
+
+/// A frame of a stack.
+fn frame(
+    config: &SensorConfig,
+    light: &EvenLight,
+    stack: &Stack,
+    frame: usize,
+) -> Result<Plane<u16>> {
+    let (w, h) = (config.width as usize, config.height as usize);
+    let settings = settings(stack, stack.skip + frame);
+    let share = stack.variation.light_of(frame) as f32;
+    let config = with_offset(config, stack.variation.offset_of(frame));
+    let mut plane = Plane { width: w, height: h, data: vec![0; w * h] };
+    rows::<Float>(&config, &settings, &mut light.of_frame(share), 0, &mut plane.data)?;
+    Ok(plane)
+}
+
+/// The frames of a stack, each as `keep` leaves it.
+///
+/// # Errors
+/// A model that the sensor refuses.
+pub(crate) fn frames(
+    camera: &Camera,
+    condition: &Condition,
+    seed: u64,
+    keep: &(dyn Fn(Plane<u16>) -> Plane<u16> + Sync),
+) -> Result<Vec<Plane<u16>>> {
+    let config = sensor(camera, &condition.stack, seed)?;
+    let light = EvenLight::new(&config, condition);
+    let all = (0..condition.stack.frames).into_par_iter();
+    all.map(|i| Ok(keep(frame(&config, &light, &condition.stack, i)?))).collect()
 }
 
 /// The sensor with its black level moved.

@@ -71,8 +71,15 @@ pub(super) fn eliminate(
     let mut nearest = Vec::new();
     model = drop_misfits(measured, base, model, &mut steps, &mut nearest)?;
     if !steps.is_empty() && is_misfit(before, &model, steps.len()) {
-        nearest.extend(steps.drain(..).map(|s| s.trial.proposal.kind.to_string()));
-        model = before.clone();
+        let (kept, misfits): (Vec<Step>, Vec<Step>) =
+            steps.into_iter().partition(|s| s.trial.proposal.by_evidence);
+        steps = kept;
+        nearest.extend(misfits.into_iter().map(|s| s.trial.proposal.kind.to_string()));
+        model.named.retain(|p| p.by_evidence);
+        model = match model.named.is_empty() {
+            true => before.clone(),
+            false => fitted(measured, with_all(base, &model.named), model.named, RUNS)?,
+        };
     }
     // Neither an effect that was removed nor a rival that is also named is ambiguous.
     let named = |kind: &String| steps.iter().any(|s| s.trial.proposal.kind == kind);
@@ -130,8 +137,9 @@ fn without(
     let missed = (measured.fit.deviance(&fit) - model.deviances[0])
         + (measured.holdout.deviance(&holdout) - model.deviances[1]);
     let unneeded = missed < REDUNDANT
-        || !left_out.of_targets
-            && !stands_out(&measured.fit, &left_out, &camera, &named, MIN_STRENGTH)?;
+        || !(left_out.of_targets
+            || left_out.by_evidence
+            || stands_out(&measured.fit, &left_out, &camera, &named, MIN_STRENGTH)?);
     if unneeded {
         return Ok(Some(fitted(measured, camera, named, RUNS)?));
     }
@@ -180,7 +188,7 @@ fn drop_misfits(
             step.touches.iter().any(|k| k == key || same_map(k))
         };
         let left: f64 = gross.iter().filter(|d| near(&d.key)).map(|d| bounded(d.z)).sum();
-        let keep = left < MAX_GROSS * step.trial.evidence;
+        let keep = step.trial.proposal.by_evidence || left < MAX_GROSS * step.trial.evidence;
         if !keep {
             nearest.push(step.trial.proposal.kind.to_string());
         }

@@ -76,7 +76,8 @@ pub(super) fn refit(measured: &Measured, mut model: Evaluation) -> Result<Evalua
         let all = propose(&measured.fit, model.model(), &is_named, MIN_CHANGE);
         let mut named = model.named.clone();
         let mut moved = false;
-        for p in &mut named {
+        // What stands out by its own evidence has its values from there.
+        for p in named.iter_mut().filter(|p| !p.by_evidence) {
             if let Some(next) = all.iter().find(|a| estimates(a, p)) {
                 // Each name gets its own new values; those that it would revise are named too.
                 *p = Proposal { revised: Vec::new(), ..p.updated(next.clone()) };

@@ -5,7 +5,7 @@ use super::estimate::{fitted, propose};
 use super::evaluation::{Evaluation, RUNS_ON_THE_WAY};
 use super::trial::{EVIDENCE_IN_ALL, EVIDENCE_TO_FIT, TRIAL_RUNS, Trial, settle, try_out};
 use super::veto;
-use crate::candidates::proposal::{MIN_STRENGTH, Proposal};
+use crate::candidates::proposal::{MIN_STRENGTH, Proposal, with_all};
 use crate::measured::{Half, Measured};
 use crate::model::prediction::bounded;
 use crate::statistics::statistic::{Key, Place, What};
@@ -102,17 +102,65 @@ pub struct Selection {
     pub confounded: Vec<Rivals>,
 }
 
+impl Selection {
+    /// Of nothing yet.
+    pub(super) fn empty(before: &Evaluation) -> Self {
+        Self { model: before.clone(), steps: Vec::new(), confounded: Vec::new() }
+    }
+}
+
+/// The effects that stand out by their own evidence, put in together; one after the other, the
+/// clearest first, where together they do harm.
+pub(super) fn seeded(
+    measured: &Measured,
+    before: &Evaluation,
+    mut seeds: Vec<Proposal>,
+) -> Result<Selection> {
+    seeds.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+    let with = |model: &Evaluation, more: &[Proposal]| -> Result<Option<Evaluation>> {
+        let mut named = model.named.clone();
+        named.extend_from_slice(more);
+        let camera = with_all(&model.camera, more);
+        let next = Evaluation::new(measured, camera, named, RUNS_ON_THE_WAY)?;
+        let helps = next.deviance() < model.by(measured, RUNS_ON_THE_WAY)?.deviance();
+        Ok((helps && !veto::contradicts(measured, model, &next)).then_some(next))
+    };
+    let mut model = before.clone();
+    match with(&model, &seeds)? {
+        Some(all) => model = all,
+        None => {
+            for seed in &seeds {
+                model = with(&model, std::slice::from_ref(seed))?.unwrap_or(model);
+            }
+        }
+    }
+    let steps = model.named.iter().map(|proposal| {
+        // The square of a deviation is the deviance that it makes, in both halves together.
+        let each = 0.5 * proposal.strength.powi(2);
+        let trial = Trial {
+            proposal: proposal.clone(),
+            evidence: each,
+            confirmed: each,
+            gap: model.gap,
+            explains: f64::NAN,
+        };
+        step(&measured.holdout, before, &model, trial, Vec::new())
+    });
+    Ok(Selection { steps: steps.collect(), model, confounded: Vec::new() })
+}
+
 /// Adds the best candidate of each round until none is significant. `wanted` is whether a kind may
 /// be added to so many named ones; `trying` receives what is being tried.
 pub(super) fn select(
     measured: &Measured,
     before: &Evaluation,
+    start: Selection,
     wanted: &dyn Fn(&str, usize) -> bool,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Selection> {
-    let mut selection =
-        Selection { model: before.clone(), steps: Vec::new(), confounded: Vec::new() };
-    while selection.steps.len() < MAX_EFFECTS {
+    let mut selection = start;
+    let most = selection.steps.len() + MAX_EFFECTS;
+    while selection.steps.len() < most {
         let model = &selection.model;
         let wanted = |kind: &str| wanted(kind, selection.steps.len());
         let trials = trials(measured, model, &wanted, trying)?;

@@ -18,5 +18,5 @@ pub mod trial;
 mod veto;
 
 pub use evaluation::Evaluation;
-pub use run::{Outcome, run, run_from};
+pub use run::{Known, Outcome, run, run_from};
 pub use trial::EVIDENCE_IN_ALL;

@@ -4,10 +4,10 @@
 use super::backward::{self, FEW_EFFECTS, REESTIMATED_EFFECTS};
 use super::estimate::fitted;
 use super::evaluation::{Evaluation, RUNS, RUNS_ON_THE_WAY};
-use super::forward::{self, Rivals, Step};
+use super::forward::{self, Rivals, Selection, Step};
 use super::standard_errors::settle_parameters;
 use super::trial::Trial;
-use crate::candidates::proposal::with_all;
+use crate::candidates::proposal::{Proposal, with_all};
 use crate::finding::Finding;
 use crate::measured::Measured;
 use camrig_base::Result;
@@ -16,6 +16,15 @@ use camrig_camera::Camera;
 /// Fraction of the winner's evidence from which a rival of its round may explain more together with
 /// effects that were added later.
 const CLOSE_RIVAL: f64 = 0.5;
+
+/// What is known before a search.
+#[derive(Clone, Copy)]
+pub struct Known<'a> {
+    /// Effects that stand out by their own evidence.
+    pub seeds: &'a [Proposal],
+    /// Kinds left out of the catalogue.
+    pub without: &'a [String],
+}
 
 /// What the search found.
 #[derive(Clone)]
@@ -40,20 +49,19 @@ pub struct Outcome {
     pub gap_with_shapes: f64,
 }
 
-/// Searches for the effects that the camera lacks. `without` names kinds left out of the
-/// catalogue; `trying` receives what is being tried.
+/// Searches for the effects that the camera lacks. `trying` receives what is being tried.
 ///
 /// # Errors
 /// A model that cannot be simulated.
 pub fn run(
     measured: &Measured,
     camera: &Camera,
-    without: &[String],
+    known: &Known<'_>,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     trying("replicates of the model");
     let before = Evaluation::new(measured, camera.clone(), Vec::new(), RUNS)?;
-    run_from(measured, before, without, trying)
+    run_from(measured, before, known, trying)
 }
 
 /// The same from a model that was simulated before.
@@ -63,12 +71,15 @@ pub fn run(
 pub fn run_from(
     measured: &Measured,
     before: Evaluation,
-    without: &[String],
+    known: &Known<'_>,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     // Processing by a camera is not an effect of its sensor.
-    let known = |kind: &str| !measured.processed && !without.iter().any(|w| w == kind);
-    let search = |wanted: &dyn Fn(&str, usize) -> bool| once(measured, &before, wanted, trying);
+    let seeds = known.seeds;
+    let known = |kind: &str| !measured.processed && !known.without.iter().any(|w| w == kind);
+    let search = |wanted: &dyn Fn(&str, usize) -> bool| {
+        once(measured, &before, Selection::empty(&before), wanted, trying)
+    };
     let mut found = search(&|kind, _| known(kind))?;
     // An effect added early may approximate two that are better together: the search with it as a
     // later one only.
@@ -92,6 +103,17 @@ pub fn run_from(
             }
         }
     }
+    // What stands out in its own statistic is put in together where the search, one effect after
+    // the other, leaves something: each is hard to see beside the others.
+    let seeds: Vec<Proposal> = seeds.iter().filter(|p| known(p.kind)).cloned().collect();
+    if !seeds.is_empty() && !found.after.passes() {
+        trying("effects by their own evidence");
+        let start = forward::seeded(measured, &before, seeds)?;
+        let other = once(measured, &before, start, &|kind, _| known(kind), trying)?;
+        if other.after.deviance() < found.after.deviance() {
+            found = other;
+        }
+    }
     trying("standard errors");
     found.after = settle_parameters(measured, found.after)?;
     for step in &mut found.steps {
@@ -108,10 +130,11 @@ pub fn run_from(
 fn once(
     measured: &Measured,
     before: &Evaluation,
+    start: Selection,
     wanted: &dyn Fn(&str, usize) -> bool,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
-    let selection = forward::select(measured, before, wanted, trying)?;
+    let selection = forward::select(measured, before, start, wanted, trying)?;
     let left = backward::eliminate(measured, before, selection)?;
     Ok(Outcome {
         before: before.clone(),

@@ -39,7 +39,7 @@ const Z_90: f64 = 1.645;
 /// errors. Where the halves are alike, each parameter is the mean of the estimates from both; the
 /// model was judged with those from the frames to fit alone.
 pub(super) fn settle_parameters(measured: &Measured, mut model: Evaluation) -> Result<Evaluation> {
-    if model.named.iter().all(|p| p.of_targets) {
+    if model.named.iter().all(|p| p.of_targets || p.by_evidence) {
         return Ok(model);
     }
     let Evaluation { camera, fit, holdout, named, .. } = &model;
@@ -64,7 +64,7 @@ pub(super) fn settle_parameters(measured: &Measured, mut model: Evaluation) -> R
         })
         .collect::<Result<_>>()?;
     let kinds: Vec<&str> = named.iter().map(|p| p.kind).collect();
-    for named in model.named.iter_mut().filter(|p| !p.of_targets) {
+    for named in model.named.iter_mut().filter(|p| !(p.of_targets || p.by_evidence)) {
         let alike = |p: &&Proposal| p.kind == named.kind && p.has_parameters_of(named);
         let first: Vec<Vec<f64>> =
             anew.iter().filter_map(|h| h[0].iter().find(alike)).map(values).collect();

@@ -7,8 +7,8 @@ use super::words;
 use crate::finding::Finding;
 use crate::measured::Measured;
 use crate::report::{
-    Ambiguity, Compared, Comparison, EMPIRICAL, FORMAT, Form, Parameter, Report, RunnerUp, Status,
-    Step, Unexplained, Verdict,
+    Ambiguity, Compared, Comparison, EMPIRICAL, Evidence, FORMAT, Form, Parameter, Report,
+    RunnerUp, Status, Step, Unexplained, Verdict,
 };
 use crate::search::forward::{self, Moved, Rivals};
 use crate::search::{Evaluation, Outcome};
@@ -37,7 +37,7 @@ fn judge(measured: &Measured, outcome: &Outcome) -> Verdict {
 }
 
 /// The report of an outcome.
-pub fn report(measured: &Measured, outcome: &Outcome) -> Report {
+pub fn report(measured: &Measured, outcome: &Outcome, evidence: Vec<Evidence>) -> Report {
     let verdict = judge(measured, outcome);
     // The model with an effect that has a rival passes, but the model with the rival may pass too.
     let confounded = |kind: &str| {
@@ -54,6 +54,7 @@ pub fn report(measured: &Measured, outcome: &Outcome) -> Report {
     let unexplained = outcome.after.unexplained.iter().take(UNEXPLAINED);
     Report {
         ambiguous: outcome.confounded.iter().map(ambiguity).collect(),
+        evidence,
         format: FORMAT.into(),
         gap_after: outcome.after.gap,
         gap_before: outcome.before.gap,

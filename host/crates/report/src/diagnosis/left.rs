@@ -5,7 +5,7 @@ use crate::numbers::{amount, count, counted, digits, fixed, number};
 use crate::page::{Page, Table};
 use crate::plot::{Colour, Mark, Plot};
 use camrig_diagnose::Diagnosis;
-use camrig_diagnose::report::{Finding, Measures, Report};
+use camrig_diagnose::report::{Evidence, Finding, Measures, Report};
 
 /// Most frames listed of a finding.
 const MAX_FRAMES: usize = 8;
@@ -136,6 +136,38 @@ pub fn nuisances(page: &mut Page, found: &[Finding]) {
             frames.join(", ") + more,
             f.done.to_string().replace('-', " "),
             printed(&f.description),
+        ]
+    }));
+    page.rows(&table);
+}
+
+/// Effects by their own statistics: those that are there first.
+pub fn evidence(page: &mut Page, found: &[Evidence]) {
+    if found.is_empty() {
+        return;
+    }
+    page.heading("Effects by their own evidence");
+    page.paragraph(
+        "Each effect from the statistic that shows it, captures against the same figure of \
+         simulated frames: in standard errors, for the model as given and for the improved one. \
+         The false-alarm rate is the chance that one of all these tests deviates by so much where \
+         nothing is hidden.",
+    );
+    let mut table = Table::new(&["effect", "status"])
+        .numbers(&["as given", "improved", "false alarms"])
+        .words(&["amounts", "shown by"]);
+    let mut sorted: Vec<&Evidence> = found.iter().collect();
+    sorted.sort_by_key(|e| !e.is_named());
+    table.rows(sorted.into_iter().map(|e| {
+        let figure = |v: f64| if v.is_finite() { format!("{v:+.1}") } else { String::new() };
+        vec![
+            e.effect.replace('-', " "),
+            e.status.words().to_owned(),
+            figure(e.deviation),
+            figure(e.deviation_after),
+            if e.false_alarm < 1e-3 { "below 0.001".into() } else { number(e.false_alarm) },
+            e.amounts_in_words(),
+            printed(&e.description),
         ]
     }));
     page.rows(&table);

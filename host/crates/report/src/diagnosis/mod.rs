@@ -59,6 +59,7 @@ pub fn page(diagnosis: &Diagnosis, improved: &ImprovedFile, command: &str) -> Re
         ));
     }
     let maps = Maps::new(diagnosis)?;
+    left::evidence(&mut page, &found.evidence);
     // Shapes come first in the report, and are not steps of the search.
     let proposed = found.steps.iter().filter(|s| s.effect == EMPIRICAL).count();
     for (i, step) in found.steps.iter().enumerate() {

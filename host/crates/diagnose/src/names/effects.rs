@@ -1,0 +1,515 @@
+//! The test of each effect, its amounts, and the parameters that it gives.
+
+use crate::candidates::proposal::Proposal;
+use crate::model::effects::current;
+use crate::report::Amount;
+use camrig_base::{Value, tails};
+use camrig_camera::Camera;
+use camrig_estimates::Estimates;
+use camrig_estimates::flat::Flat;
+use std::f64::consts::SQRT_2;
+
+/// Pixels of a share that a set must be able to show: two in ten thousand blink on common sensors.
+const BLINKING_SHARE: f64 = 2e-4;
+const MIN_PIXELS: f64 = 5.0;
+/// Deviation from the median variance from which [`camrig_estimates::bias`] counts a pixel as
+/// noisy.
+const NOISY: f64 = 6.0;
+/// Twice the mains, Hz.
+const FLICKER_HZ: f64 = 100.0;
+/// The power of a frequency over the median from which flicker stands out.
+const MIN_POWER: f64 = 30.0;
+
+/// One effect in the captures against a model.
+pub(super) struct Test {
+    pub effect: &'static str,
+    /// Captures less model, in standard errors of the difference.
+    pub deviation: f64,
+    pub amounts: Vec<Amount>,
+    /// The statistic that shows it.
+    pub shown_by: &'static str,
+    /// Whether the captures show only a part of what the effect is.
+    pub in_part: bool,
+    /// Why the set cannot decide.
+    pub undecided: Option<&'static str>,
+}
+
+impl Test {
+    fn new(effect: &'static str, deviation: f64, shown_by: &'static str) -> Self {
+        let (amounts, undecided) = (Vec::new(), None);
+        Self { effect, deviation, amounts, shown_by, in_part: false, undecided }
+    }
+
+    fn with(mut self, name: &str, value: Value, unit: &str) -> Self {
+        self.amounts.push(Amount {
+            name: name.into(),
+            std_error: value.std_error,
+            unit: unit.into(),
+            value: value.value,
+        });
+        self
+    }
+
+    /// With the standard deviation of a variance in DN², in DN and in electrons.
+    fn with_root(self, variance: Value, dn_per_e: Option<f64>) -> Self {
+        let Some(root) = variance.sqrt() else { return self };
+        let this = self.with("sigma", root, "DN");
+        match dn_per_e {
+            Some(k) => this.with("sigma_e", root.scaled(1.0 / k), "e-"),
+            None => this,
+        }
+    }
+
+    fn undecided(effect: &'static str, why: &'static str) -> Self {
+        Self { undecided: Some(why), ..Self::new(effect, 0.0, "") }
+    }
+}
+
+/// Two figures with their own errors.
+fn differs(data: Value, model: Value) -> f64 {
+    let error = libm::hypot(data.std_error, model.std_error);
+    if error > 0.0 { (data.value - model.value) / error } else { 0.0 }
+}
+
+/// A variance above the model's, against the scatter that it has under the model: where the effect
+/// is there, its own scatter is larger.
+fn exceeds(data: Value, model: Value) -> f64 {
+    let error = SQRT_2 * model.std_error;
+    if error > 0.0 { (data.value - model.value) / error } else { 0.0 }
+}
+
+/// The most deviating of several places.
+fn largest(deviations: impl Iterator<Item = f64>) -> f64 {
+    let (most, count) = deviations
+        .fold((0.0f64, 0), |(most, n), z| (if z.abs() > most.abs() { z } else { most }, n + 1));
+    most.signum() * tails::largest(most.abs(), count).max(0.0)
+}
+
+/// Whether places differ from the mean of all otherwise than in the model.
+fn by_site(data: &[Value], model: &[Value]) -> f64 {
+    let mean = |of: &[Value]| of.iter().map(|v| v.value).sum::<f64>() / of.len().max(1) as f64;
+    let (d, m) = (mean(data), mean(model));
+    let less = |v: Value, mean: f64| Value::new(v.value - mean, v.std_error);
+    largest(data.iter().zip(model).map(|(a, b)| differs(less(*a, d), less(*b, m))))
+}
+
+const SITES: [&str; 4] = ["site 0,0", "site 1,0", "site 0,1", "site 1,1"];
+
+fn with_sites(mut test: Test, values: &[Value], unit: &str) -> Test {
+    if values.len() == SITES.len() {
+        for (name, v) in SITES.iter().zip(values) {
+            test = test.with(name, *v, unit);
+        }
+    }
+    test
+}
+
+/// Every test that the figures allow.
+pub(super) fn all(data: &Estimates, model: &Estimates) -> Vec<Test> {
+    let mut tests = of_bias(data, model);
+    tests.extend(of_darks(data, model));
+    tests.extend(of_blinking(data, model));
+    tests.extend(of_flats(data, model));
+    tests
+}
+
+fn dn_per_e(data: &Estimates) -> Option<f64> {
+    data.gain.map(|g| g.value)
+}
+
+fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
+    let (d, m, k) = (&data.bias, &model.bias, dn_per_e(data));
+    let row_null = |v: Value| Value::new(v.value, m.row_variance_null.max(v.std_error));
+    let black =
+        largest(d.black_by_site.iter().zip(&m.black_by_site).map(|(d, m)| differs(*d, *m)));
+    let black = Test::new("black-level-offset", black, "means of the bias frames");
+    let black = match &d.black_by_site[..] {
+        [one] => black.with("level", *one, "DN"),
+        several => with_sites(black, several, "DN"),
+    };
+    let variance = |effect, d: Value, m: Value, shown_by| {
+        Test::new(effect, exceeds(d, m), shown_by).with_root(d, k)
+    };
+    let mut tests = vec![
+        black,
+        Test::new(
+            "read-noise",
+            differs(d.read_noise_variance, m.read_noise_variance),
+            "variance over time of the median pixel of the bias",
+        )
+        .with_root(d.read_noise_variance, k),
+        Test::new(
+            "read-noise-spread",
+            differs(d.read_noise_spread, m.read_noise_spread),
+            "spread over pixels of the logarithm of the noise",
+        )
+        .with("spread", d.read_noise_spread, "1"),
+        variance(
+            "row-temporal-noise",
+            d.row_variance,
+            row_null(m.row_variance),
+            "row means of even times odd columns of the bias",
+        ),
+        variance(
+            "row-noise-of-opposite-sign",
+            d.opposite_row_variance,
+            row_null(m.opposite_row_variance),
+            "row means of even less odd columns of the bias",
+        ),
+        variance(
+            "column-temporal-noise",
+            d.column_variance,
+            m.column_variance,
+            "column means of the bias over time",
+        ),
+        variance(
+            "pixel-offset-fpn",
+            d.pattern.pixels,
+            m.pattern.pixels,
+            "even times odd frames of the bias, pixel by pixel",
+        ),
+        variance(
+            "column-offset-fpn",
+            d.pattern.columns,
+            m.pattern.columns,
+            "even times odd frames of the bias, means of columns",
+        ),
+        variance(
+            "row-offset-fpn",
+            d.pattern.rows,
+            m.pattern.rows,
+            "even times odd frames of the bias, means of rows",
+        ),
+    ];
+    if let (Some(d), Some(m)) = (d.frame_site_variance, m.frame_site_variance) {
+        let shown_by = "means of the sites of the bias frames over time";
+        tests.push(variance("frame-offset-by-site", d, m, shown_by));
+    }
+    if let (Some(d), Some(m)) = (data.frame_offsets, model.frame_offsets) {
+        let z = (d.deviation - m.deviation.max(0.0)) / SQRT_2;
+        let test = Test::new("frame-offset-noise", z, "means of the dark frames over time");
+        let error = d.sd_dn / d.deviation.max(1.0);
+        tests.push(test.with("sigma", Value::new(d.sd_dn, error), "DN"));
+    }
+    tests
+}
+
+fn of_darks(data: &Estimates, model: &Estimates) -> Vec<Test> {
+    let (Some(d), Some(m)) = (&data.dark_current, &model.dark_current) else {
+        let why = "needs dark stacks of two exposures above 0";
+        return vec![Test::undecided("dark-current", why), Test::undecided("hot-pixels", why)];
+    };
+    let k = dn_per_e(data);
+    let in_e = |test: Test, v: Value| match k {
+        Some(k) => test.with("median_e", v.scaled(1.0 / k), "e-/s"),
+        None => test,
+    };
+    let rate = Test::new(
+        "dark-current",
+        differs(d.median, m.median),
+        "means of the dark stacks over exposure, the median pixel",
+    )
+    .with("median", d.median, "DN/s");
+    let pixels = (data.size().0 * data.size().1) as f64;
+    let hot = (d.hot_share.value - m.hot_share.value) * pixels
+        / ((d.hot_share.value + m.hot_share.value) * pixels + 1.0).sqrt();
+    let hot = Test::new("hot-pixels", hot, "pixels above the median by six widths of the core")
+        .with("share", d.hot_share, "1");
+    let hot = match d.hot_excess {
+        Some(excess) => hot.with("mean_excess", excess, "DN/s"),
+        None => hot,
+    };
+    let by_site = Test::new(
+        "dark-current-by-site",
+        by_site(&d.median_by_site, &m.median_by_site),
+        "median rates of the sites less their mean",
+    );
+    vec![
+        in_e(rate, d.median),
+        with_sites(by_site, &d.median_by_site, "DN/s"),
+        Test::new(
+            "dark-current-spread",
+            differs(d.pattern_variance, m.pattern_variance),
+            "lower half of the pixels' rates",
+        )
+        .with_root(d.pattern_variance, k),
+        Test { in_part: true, ..hot },
+        Test::new(
+            "black-level-over-exposure",
+            differs(d.intercept_above_bias, m.intercept_above_bias),
+            "level of the dark stacks' line at exposure 0, less the bias",
+        )
+        .with("step", d.intercept_above_bias, "DN"),
+    ]
+}
+
+/// The share of pixels that pass [`NOISY`] where ln of the noise is normal over pixels, by the
+/// trapezoidal rule.
+fn noisy_by_spread(spread: f64, dof: f64) -> f64 {
+    const STEPS: i32 = 120;
+    let limit = tails::quantile_of_squares(NOISY, dof) * tails::median_of_squares(dof);
+    let at = |i: i32| {
+        let u = f64::from(i) * 12.0 / f64::from(STEPS) - 6.0;
+        let z = tails::chi_square(limit * libm::exp(-2.0 * spread * u), dof);
+        [libm::exp(-0.5 * u * u), libm::exp(-0.5 * u * u + tails::ln_upper(z))]
+    };
+    let [all, above] = (0..=STEPS).map(at).fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    above / all
+}
+
+fn of_blinking(data: &Estimates, model: &Estimates) -> Vec<Test> {
+    let pixels = (data.size().0 * data.size().1) as f64;
+    let frames = data.bias.frames() as f64;
+    let noisy = data.bias.noisy_share;
+    // A spread at the upper end of what is known of it.
+    let spread = data.bias.read_noise_spread;
+    let expected = noisy_by_spread(spread.value + 2.0 * spread.std_error, frames - 1.0)
+        .max(model.bias.noisy_share.value);
+    let z = (noisy.value - expected).max(0.0) * pixels / (expected * pixels + 1.0).sqrt();
+    let read_out = Test::new(
+        "random-telegraph-noise",
+        z,
+        "pixels of the bias with more noise than the spread over pixels explains",
+    )
+    .with("share", noisy, "1");
+    let blinking = "dark-current-telegraph-noise";
+    let Some((share, seen)) = data.telegraph.share.zip(model.telegraph.share) else {
+        return vec![read_out, Test::undecided(blinking, "needs exposed dark stacks")];
+    };
+    if BLINKING_SHARE * pixels < MIN_PIXELS {
+        let why = "not decidable at this size: too few pixels for a share of 0.02 %";
+        return vec![read_out, Test::undecided(blinking, why)];
+    }
+    let (count, by_chance) = (share.value * pixels, seen.value * pixels);
+    let law = data.telegraph.chosen_in_longest.as_ref().and_then(|l| l.exponent);
+    let grows = law.is_some_and(|p| p.value > 0.5);
+    let z = (count - by_chance) / (by_chance + 0.25).sqrt().max(1.0);
+    let z = if grows { z } else { 0.0 };
+    if grows && (1.0..MIN_PIXELS).contains(&count.round()) {
+        let why = "not decidable at this size: fewer than five pixels stand out";
+        return vec![read_out, Test::undecided(blinking, why).with("share", share, "1")];
+    }
+    let mut dark = Test::new(
+        blinking,
+        z,
+        "pixels whose noise stands out in two long dark stacks and grows with exposure",
+    )
+    .with("share", share, "1");
+    if let (Some(p), Some(jump)) = (law, data.telegraph.median_jump) {
+        dark = dark.with("exponent", p, "1").with("median_jump", jump, "DN/s");
+    }
+    vec![read_out, Test { in_part: true, ..dark }]
+}
+
+fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
+    let pairs = || data.flats.iter().zip(&model.flats);
+    let Some((brightest, of_model)) = pairs().max_by(|a, b| level(a.0).total_cmp(&level(b.0)))
+    else {
+        let kinds =
+            ["system-gain", "prnu", "flicker-banding", "light-flicker", "defective-columns"];
+        return kinds.map(|kind| Test::undecided(kind, "needs flats")).into_iter().collect();
+    };
+    let mut tests = Vec::new();
+    if let Some((d, m)) = data.gain.zip(model.gain) {
+        let shown_by = "variance over mean of the flats";
+        tests.push(Test::new("system-gain", differs(d, m), shown_by).with("gain", d, "DN/e-"));
+    }
+    let gains = |f: &Flat| f.sites.iter().map(|s| s.gain).collect::<Vec<_>>();
+    let gain = Test::new(
+        "gain-by-site",
+        by_site(&gains(brightest), &gains(of_model)),
+        "variance over mean of each site of the brightest flat",
+    );
+    tests.push(with_sites(gain, &gains(brightest), "DN/e-"));
+    let prnu = |f: &Flat| f.sites.iter().map(|s| s.prnu_variance).collect::<Vec<_>>();
+    let (d, m) = (prnu(brightest), prnu(of_model));
+    if let (Some(all), Some(given)) = (Value::combine(d.clone()), Value::combine(m)) {
+        let roots: Vec<Value> = d.iter().filter_map(|v| v.sqrt()).collect();
+        let shown_by = "even times odd frames of the brightest flat, without what is smooth";
+        let test = Test::new("prnu", differs(all, given), shown_by);
+        let test = all
+            .sqrt()
+            .map_or_else(|| Test::new("prnu", 0.0, shown_by), |s| test.with("sigma", s, "1"));
+        tests.push(with_sites(test, &roots, "1"));
+    }
+    tests.extend(of_light(brightest, of_model, data));
+    let new: Vec<usize> = brightest
+        .defective_columns
+        .iter()
+        .copied()
+        .filter(|x| !of_model.defective_columns.contains(x))
+        .collect();
+    let mut columns = Test::new(
+        "defective-columns",
+        if new.is_empty() { 0.0 } else { 2.0 * MIN_PIXELS },
+        "median gain of columns of the brightest flat",
+    );
+    columns = columns.with("columns", Value::new(new.len() as f64, 0.0), "1");
+    tests.push(columns);
+    tests
+}
+
+fn level(flat: &Flat) -> f64 {
+    flat.sites.iter().map(|s| s.level.value).sum::<f64>() / flat.sites.len().max(1) as f64
+}
+
+/// Light that changes over rows and from frame to frame.
+fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
+    let mut by_rows = 0.0;
+    let mut tests = Vec::new();
+    let shown_by = "waves of the row means of the brightest flat; one exposure shows frequency x \
+                    line time, not each";
+    let seen = d.flicker.fit.filter(|_| d.flicker.power_ratio > MIN_POWER);
+    if let Some([frequency, depth]) = seen {
+        let x = std::f64::consts::PI * frequency.value * data.size().1 as f64;
+        by_rows = 0.5 * (depth.value * libm::sin(x) / x).powi(2);
+        let given = m.flicker.fit.filter(|_| m.flicker.power_ratio > MIN_POWER);
+        let z = given.map_or(depth.z(), |[_, given]| differs(depth, given));
+        let test = Test::new("flicker-banding", z, shown_by)
+            .with("cycles_per_row", frequency, "1/row")
+            .with("depth_after_exposure", depth, "1")
+            .with("line_time_at_100_hz", frequency.scaled(1e6 / FLICKER_HZ), "us");
+        tests.push(Test { in_part: true, ..test });
+    } else {
+        tests.push(Test::new("flicker-banding", 0.0, shown_by));
+    }
+    let squared = |v: Value| Value::new(v.value * v.value, 2.0 * v.value * v.std_error);
+    let lamp = squared(d.frame_sd);
+    // The waves that a frame cuts off change its mean too.
+    let lamp = Value::new(lamp.value - 2.0 * by_rows, lamp.std_error + 2.0 * by_rows);
+    let shown_by = "means of the frames of the brightest flat over time";
+    let test = Test::new(
+        "light-flicker",
+        exceeds(
+            lamp,
+            Value { std_error: squared(m.frame_sd).std_error + by_rows, ..squared(m.frame_sd) },
+        ),
+        shown_by,
+    );
+    tests.push(test.with("sigma", d.frame_sd, "1"));
+    tests
+}
+
+/// The effect of the catalogue with what a test gives of its parameters: what the model has, plus
+/// the difference of the figures, each in electrons by its own gain.
+pub(super) fn proposal(
+    test: &Test,
+    data: &Estimates,
+    model: &Estimates,
+    camera: &Camera,
+    temperature_c: f64,
+) -> Option<Proposal> {
+    let present = |key: &str| -> Option<f64> {
+        let effect = current(camera, test.effect)?;
+        let at = effect.entry().parameters.iter().position(|p| p.key == key)?;
+        effect.values().get(at).copied().map(f64::from)
+    };
+    let gain_of_model = model.gain.map(|g| g.value)?;
+    let gain = data.gain.map_or(gain_of_model, |g| g.value);
+    let strength = test.deviation.abs();
+    // σ² = σ₀² + what the captures have more than the model.
+    let sigma = |key: &'static str, d: Value, m: Value, unit: [f64; 2]| {
+        let had = present(key).unwrap_or(0.0);
+        let value = had * had + d.value / unit[0].powi(2) - m.value / unit[1].powi(2);
+        let sigma = Value::new(value, d.std_error / unit[0].powi(2)).sqrt()?;
+        Proposal::of(test.effect, strength, [(key, sigma)])
+    };
+    let per_e = [gain, gain_of_model];
+    let (d, m) = (&data.bias, &model.bias);
+    match test.effect {
+        "read-noise" => sigma("read_e", d.read_noise_variance, m.read_noise_variance, per_e),
+        "row-temporal-noise" => sigma("sigma_e", d.row_variance, m.row_variance, per_e),
+        "column-temporal-noise" => sigma("sigma_e", d.column_variance, m.column_variance, per_e),
+        "pixel-offset-fpn" => sigma("sigma_e", d.pattern.pixels, m.pattern.pixels, per_e),
+        "column-offset-fpn" => sigma("sigma_e", d.pattern.columns, m.pattern.columns, per_e),
+        "row-offset-fpn" => sigma("sigma_e", d.pattern.rows, m.pattern.rows, per_e),
+        "read-noise-spread" => {
+            Proposal::of(test.effect, strength, [("spread", d.read_noise_spread)])
+        }
+        "frame-offset-noise" => {
+            let offsets = data.frame_offsets?;
+            let sd = Value::new(offsets.sd_dn, offsets.sd_dn / offsets.deviation.max(1.0));
+            Proposal::of(test.effect, strength, [("sigma_e", sd.scaled(1.0 / gain))])
+        }
+        "prnu" => {
+            let all = |e: &Estimates| {
+                let brightest = e.flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)))?;
+                Value::combine(brightest.sites.iter().map(|s| s.prnu_variance))
+            };
+            sigma("sigma", all(data)?, all(model)?, [1.0, 1.0])
+        }
+        "system-gain" => {
+            let ratio = data.gain?.over(model.gain?);
+            let had = present("ratio").unwrap_or(1.0);
+            Proposal::of(test.effect, strength, [("ratio", ratio.scaled(had))])
+        }
+        "dark-current" => {
+            let (d, m) = (data.dark_current.as_ref()?, model.dark_current.as_ref()?);
+            let noise = &camera.sensor.noise;
+            let kelvins = temperature_c - noise.temperature_ref_c;
+            let growth = libm::exp2(kelvins / noise.dark_doubling_c);
+            let more = |d: Value, m: Value| d.value / gain - m.value / gain_of_model;
+            let mean = noise.dark_current_e_per_s + more(d.median, m.median) / growth;
+            let mean = Value::new(mean.max(0.0), d.median.std_error / gain / growth);
+            let spread = d.pattern_variance.value / (gain * growth).powi(2)
+                - m.pattern_variance.value / (gain_of_model * growth).powi(2)
+                + noise.dsnu_e_per_s.powi(2);
+            let spread = Value::new(
+                spread.max(0.0).sqrt(),
+                d.pattern_variance.sqrt().map_or(0.0, |s| s.std_error / gain / growth),
+            );
+            Proposal::of(
+                test.effect,
+                strength,
+                [
+                    ("mean_e_per_s", mean),
+                    ("dsnu_e_per_s", spread),
+                    ("doubling_c", Value::chosen(noise.dark_doubling_c)),
+                    ("reference_c", Value::chosen(noise.temperature_ref_c)),
+                ],
+            )
+        }
+        "hot-pixels" => {
+            let d = data.dark_current.as_ref()?;
+            let mean = d.hot_excess?;
+            // Of an exponential law the excess over a limit has the law's mean.
+            let below = libm::exp((d.hot_threshold - d.median.value) / mean.value);
+            let fraction = d.hot_share.scaled(below);
+            let rate = mean.scaled(1.0 / gain);
+            Proposal::of(test.effect, strength, [("fraction", fraction), ("mean_e_per_s", rate)])
+        }
+        "flicker-banding" => {
+            let brightest = data.flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)))?;
+            let [frequency, depth] = brightest.flicker.fit?;
+            let x = std::f64::consts::PI * FLICKER_HZ * brightest.exposure_s;
+            let left = if x > 1e-3 { (libm::sin(x) / x).abs() } else { 1.0 };
+            Proposal::of(
+                test.effect,
+                strength,
+                [
+                    ("depth", depth.scaled(1.0 / left)),
+                    ("frequency_hz", Value::chosen(FLICKER_HZ)),
+                    ("row_time_us", frequency.scaled(1e6 / FLICKER_HZ)),
+                ],
+            )
+        }
+        "black-level-offset" => {
+            let off: Vec<f64> = d
+                .black_by_site
+                .iter()
+                .zip(&m.black_by_site)
+                .map(|(d, m)| d.value - m.value)
+                .collect();
+            let mean = off.iter().sum::<f64>() / off.len() as f64;
+            let error = d.black_by_site[0].std_error;
+            let keys = ["plane_0_dn", "plane_1_dn", "plane_2_dn", "plane_3_dn"];
+            let value = |key, more: f64| Value::new(present(key).unwrap_or(0.0) + more, error);
+            let mut parameters = vec![("offset_dn", value("offset_dn", mean))];
+            if off.len() == keys.len() {
+                parameters.extend(keys.iter().zip(&off).map(|(k, o)| (*k, value(k, o - mean))));
+            }
+            Proposal::of(test.effect, strength, parameters)
+        }
+        _ => None,
+    }
+}

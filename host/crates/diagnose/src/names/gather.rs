@@ -1,0 +1,105 @@
+//! The stacks that names are read from, of the captures and of a model under their conditions.
+
+use crate::data::design::{Condition, Stack as Taken};
+use crate::measured::{Measured, SEED};
+use crate::model::replicate;
+use camrig_base::{Plane, Result};
+use camrig_camera::Camera;
+use camrig_captures::Role;
+use camrig_clean::Cleaned;
+use camrig_estimates::{Estimates, Sites, Stack, estimate};
+
+/// Most samples in memory, from which a gain is known to 0.1 %; of larger sets the middle of the
+/// frames is used.
+const MAX_SAMPLES: usize = 1 << 25;
+/// Seed of the simulated frames, apart from those of replicates.
+pub(super) const FRAMES_SEED: u64 = SEED + 500;
+
+/// Whole stacks of one gain and temperature, and the part of the frames that is used.
+pub(super) struct Gathered {
+    conditions: Vec<Condition>,
+    sites: Sites,
+    /// First column and row, columns and rows.
+    part: [usize; 4],
+}
+
+impl Gathered {
+    /// Of the gain and temperature with the most stacks, and of them the lowest gain.
+    pub(super) fn of(set: &Cleaned, measured: &Measured) -> Option<Self> {
+        let mut all: Vec<Condition> = Vec::new();
+        for c in [&measured.fit, &measured.holdout].iter().flat_map(|h| &h.design.conditions) {
+            if !all.iter().any(|a| a.stack.capture == c.stack.capture) {
+                let stack = Taken { skip: 0, frames: c.stack.total, ..c.stack.clone() };
+                all.push(Condition { stack, ..c.clone() });
+            }
+        }
+        let alike = |a: &Condition, b: &Condition| {
+            a.stack.analog_gain == b.stack.analog_gain
+                && (a.stack.temperature_c - b.stack.temperature_c).abs() < f64::EPSILON
+        };
+        let count = |c: &Condition| all.iter().filter(|o| alike(c, o)).count();
+        let first = all
+            .iter()
+            .filter(|c| !c.is_flat())
+            .max_by(|a, b| {
+                (count(a), -a.stack.analog_gain)
+                    .partial_cmp(&(count(b), -b.stack.analog_gain))
+                    .unwrap_or(std::cmp::Ordering::Equal)
+            })?
+            .clone();
+        all.retain(|c| alike(c, &first));
+        let cfa = set.set().cfa();
+        let (width, height) = (set.set().sensor.width, set.set().sensor.height);
+        let frames: usize = all.iter().map(|c| c.stack.frames).sum();
+        let most = (MAX_SAMPLES / frames.max(1)) as f64 / (width * height) as f64;
+        let part = |all: usize, period: usize| {
+            let kept = (all as f64 * most.min(1.0).sqrt()) as usize / period * period;
+            let kept = if kept >= all / period * period { all } else { kept };
+            ((all - kept) / 2 / period * period, kept)
+        };
+        let ((x, w), (y, h)) = (part(width, cfa.width), part(height, cfa.height));
+        let sites = Sites { across: cfa.width, down: cfa.height };
+        Some(Self { conditions: all, sites, part: [x, y, w, h] })
+    }
+
+    pub(super) fn temperature_c(&self) -> f64 {
+        self.conditions[0].stack.temperature_c
+    }
+
+    /// The figures of the captures. The inner error says why there are none.
+    pub(super) fn measured(&self, set: &Cleaned) -> Result<Result<Estimates>> {
+        let read = |c: &Condition| {
+            let mut frames = Vec::with_capacity(c.stack.frames);
+            set.for_each_batch_with_torn(c.stack.capture, |planes| {
+                frames.extend(planes.iter().map(|p| self.cut(p)));
+                Ok(())
+            })?;
+            Ok(self.stack(c, frames))
+        };
+        let stacks = self.conditions.iter().map(read).collect::<Result<Vec<_>>>()?;
+        Ok(estimate(&stacks, self.sites))
+    }
+
+    /// The same figures of frames that a camera simulates.
+    pub(super) fn simulated(&self, camera: &Camera, seed: u64) -> Result<Result<Estimates>> {
+        let simulate = |c: &Condition| {
+            let cut = |p: Plane<u16>| self.cut(&p);
+            Ok(self.stack(c, replicate::frames(camera, c, seed, &cut)?))
+        };
+        let stacks = self.conditions.iter().map(simulate).collect::<Result<Vec<_>>>()?;
+        Ok(estimate(&stacks, self.sites))
+    }
+
+    fn cut(&self, plane: &Plane<u16>) -> Plane<u16> {
+        let [x0, y0, width, height] = self.part;
+        match (plane.width, plane.height) == (width, height) {
+            true => plane.clone(),
+            false => Plane::from_fn(width, height, |x, y| plane.row(y0 + y)[x0 + x]),
+        }
+    }
+
+    fn stack(&self, c: &Condition, frames: Vec<Plane<u16>>) -> Stack {
+        let role = if c.is_flat() { Role::Flat } else { Role::Dark };
+        Stack::new(&c.stack.id, role, c.stack.exposure_s, frames)
+    }
+}

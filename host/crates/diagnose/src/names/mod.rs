@@ -1,0 +1,135 @@
+//! Names by evidence: every effect from the statistic that shows it, whatever else is left.
+//!
+//! [`camrig_estimates`] gives the same figures, with errors, of the captures and of frames that a
+//! model simulates under the same conditions. An effect stands out where the two differ by
+//! [`MIN_DEVIATION`] standard errors, so that what a model has already, the converter's rounding
+//! and the bias of an estimator cancel. Against the model as given this gives proposals; against
+//! the improved model it tells what the effects that were named have explained.
+
+mod effects;
+mod gather;
+
+use crate::candidates::proposal::Proposal;
+use crate::report::{Evidence, EvidenceStatus};
+use crate::search::Outcome;
+use camrig_base::{Result, tails};
+use camrig_camera::Camera;
+use camrig_clean::{Cleaned, Finding, Kind};
+use camrig_estimates::Estimates;
+use effects::Test;
+use gather::{FRAMES_SEED, Gathered};
+
+/// Standard errors from which an effect stands out: of some thirty tests, one in sixty thousand
+/// sets has one by chance.
+const MIN_DEVIATION: f64 = 5.0;
+
+/// What the captures show, and the conditions under which models are asked for the same.
+pub struct Names {
+    gathered: Gathered,
+    found: Estimates,
+    /// Of frames that the model as given simulates.
+    pub(crate) given: Estimates,
+    torn: Vec<Evidence>,
+}
+
+impl Names {
+    /// Of the dark and flat stacks of one gain and temperature; none where there is no dark stack
+    /// of two frames.
+    ///
+    /// # Errors
+    /// Files that cannot be read, a model that cannot be simulated.
+    pub(crate) fn of(
+        camera: &Camera,
+        set: &Cleaned,
+        measured: &crate::Measured,
+    ) -> Result<Option<Self>> {
+        let Some(gathered) = Gathered::of(set, measured) else { return Ok(None) };
+        let Ok(found) = gathered.measured(set)? else { return Ok(None) };
+        let Ok(given) = gathered.simulated(camera, FRAMES_SEED)? else { return Ok(None) };
+        let torn = measured.findings.iter().filter(|f| f.kind == Kind::TornFrames).map(torn);
+        Ok(Some(Self { torn: torn.collect(), gathered, found, given }))
+    }
+
+    /// The effects that stand out against the model as given, with their parameters.
+    pub(crate) fn proposals(&self, camera: &Camera) -> Vec<Proposal> {
+        let tests = effects::all(&self.found, &self.given);
+        let out = tests.iter().filter(|t| t.deviation.abs() >= MIN_DEVIATION);
+        let temperature_c = self.gathered.temperature_c();
+        let of = |t: &Test| effects::proposal(t, &self.found, &self.given, camera, temperature_c);
+        let possible = out.filter_map(of).filter(Proposal::is_possible);
+        possible.map(|p| Proposal { by_evidence: true, ..p }).collect()
+    }
+
+    /// The largest deviation of frames that the model simulates with another seed, and its effect.
+    #[cfg(test)]
+    pub(crate) fn by_chance(&self, camera: &Camera, seed: u64) -> (f64, &'static str) {
+        let found = self.gathered.simulated(camera, FRAMES_SEED + seed).unwrap().unwrap();
+        let all = effects::all(&found, &self.given).into_iter();
+        let all = all.map(|t| (t.deviation.abs(), t.effect));
+        all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, ""))
+    }
+
+    /// Every effect with its evidence, in the light of what the search found: a deviation that a
+    /// model has which passes for the right one, without the effect, is explained by others.
+    ///
+    /// # Errors
+    /// A model that cannot be simulated.
+    pub(crate) fn judge(&self, outcome: &Outcome) -> Result<Vec<Evidence>> {
+        let named: Vec<&str> = outcome.after.named.iter().map(|p| p.kind).collect();
+        if outcome.steps.is_empty() && outcome.shapes.is_empty() {
+            return Ok(self.evidence(&self.given, &named, false));
+        }
+        let improved = self.gathered.simulated(&outcome.after.camera, FRAMES_SEED)?;
+        let improved = improved.unwrap_or_else(|_| self.given.clone());
+        Ok(self.evidence(&improved, &named, outcome.after.passes()))
+    }
+
+    /// Every effect with its evidence. `named` are those of an improved model, which `passes` for
+    /// the right one or not.
+    pub(crate) fn evidence(
+        &self,
+        improved: &Estimates,
+        named: &[&str],
+        passes: bool,
+    ) -> Vec<Evidence> {
+        let before = effects::all(&self.found, &self.given);
+        let after = effects::all(&self.found, improved);
+        let count = before.len() as f64;
+        let evidence = before.into_iter().map(|test| {
+            let left = after.iter().find(|t| t.effect == test.effect);
+            let left = left.map_or(test.deviation, |t| t.deviation);
+            let by_others = passes && !named.contains(&test.effect);
+            let status = match test.deviation.abs() >= MIN_DEVIATION {
+                _ if test.undecided.is_some() => EvidenceStatus::NotDecidable,
+                false => EvidenceStatus::Absent,
+                true if by_others && left.abs() < MIN_DEVIATION => EvidenceStatus::Explained,
+                true if test.in_part => EvidenceStatus::InPart,
+                true => EvidenceStatus::Named,
+            };
+            let chance = 2.0 * count * libm::exp(tails::ln_upper(test.deviation.abs()));
+            Evidence {
+                amounts: test.amounts,
+                description: test.undecided.unwrap_or(test.shown_by).into(),
+                deviation: test.deviation,
+                deviation_after: left,
+                effect: test.effect.into(),
+                false_alarm: chance.min(1.0),
+                status,
+            }
+        });
+        self.torn.iter().cloned().chain(evidence).collect()
+    }
+}
+
+/// Torn frames as evidence.
+fn torn(found: &Finding) -> Evidence {
+    Evidence {
+        amounts: Vec::new(),
+        description: format!("{}: {}", found.place, found.description),
+        deviation: f64::NAN,
+        deviation_after: f64::NAN,
+        effect: "torn-frames".into(),
+        false_alarm: 0.0,
+        status: EvidenceStatus::Named,
+    }
+}
