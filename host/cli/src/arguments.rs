@@ -71,10 +71,15 @@ impl CameraArgs {
     }
 }
 
-/// Reads `20ms`, `1.5s`, `300us`: a positive duration in seconds.
+/// Reads `20ms`, `1.5s`, `300us` or, as cameras write it, `1/50`: a positive duration in seconds.
 pub fn duration(text: &str) -> Result<f64, String> {
     let units = [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("s", 1.0)];
-    let wrong = || format!("{text:?} is not a duration; use for instance 20ms, 1.5s or 300us");
+    let wrong =
+        || format!("{text:?} is not a duration; use for instance 20ms, 1.5s, 300us or 1/50");
+    if let Some((part, whole)) = text.strip_suffix('s').unwrap_or(text).split_once('/') {
+        let number = |text: &str| positive(text.trim()).map_err(|_| wrong());
+        return Ok(number(part)? / number(whole)?);
+    }
     let (number, unit) = units
         .iter()
         .find_map(|(suffix, unit)| Some((text.strip_suffix(suffix)?, unit)))
@@ -203,7 +208,7 @@ pub fn exposure(text: &str) -> Result<Exposure, String> {
 /// How frames are taken and where they go.
 #[derive(clap::Args, Clone, Debug)]
 pub struct FrameArgs {
-    /// Exposure time: 20ms, 1.5s, 300us; auto (99 % of the samples below 0.85 of full scale), or
+    /// Exposure time: 20ms, 1.5s, 300us; auto (99.9 % of each channel below 0.85 of full scale), or
     /// auto:SHARE (mean of green, as a fraction of full scale above black)
     #[arg(long, value_parser = exposure, allow_hyphen_values = true, value_name = "TIME")]
     pub exposure: Exposure,
@@ -297,7 +302,9 @@ impl FrameArgs {
             Exposure::Auto(brightness) => {
                 let seconds =
                     auto_exposure::exposure_s(camera, sensor, cube, self.gain, brightness)?;
-                eprintln!("note: automatic exposure: {} ms", 1e3 * seconds);
+                // Its three digits, and not those of the product's rounding.
+                let ms = (1e9 * seconds).round() / 1e6;
+                eprintln!("note: automatic exposure: {ms} ms");
                 Ok(seconds)
             }
         }
@@ -354,6 +361,11 @@ mod tests {
         assert_eq!(exposure("20ms"), Ok(Exposure::Time(0.02)));
         assert_eq!(exposure("auto"), Ok(Exposure::Auto(Brightness::Highlights)));
         assert_eq!(exposure("auto:0.18"), Ok(Exposure::Auto(Brightness::Mean(0.18))));
+        assert_eq!(exposure("1/50"), Ok(Exposure::Time(0.02)));
+        assert_eq!(duration("1/8s"), Ok(0.125));
+        assert!(
+            duration("1/0").is_err() && duration("/50").is_err() && duration("1/5ms").is_err()
+        );
         assert!(exposure("auto:-1").is_err() && exposure("automatic").is_err());
     }
 

@@ -110,6 +110,7 @@ pub fn main() -> ExitCode {
     let stopping = || eprintln!("stopping after the current frame; a second signal stops at once");
     signals::before_signals_end(stopping, output::remove_unfinished);
     let status = stdout::guard(|| run(command)).unwrap_or_else(|error| {
+        stdout::end_if_unread(&error);
         eprintln!("error: {}", advice::advised(error));
         ExitCode::from(2)
     });

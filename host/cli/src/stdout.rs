@@ -2,7 +2,7 @@
 //!
 //! The standard library's `println!` panics then. Here it unwinds with the error as its payload,
 //! without the words of a panic, so that outputs under way are cleaned up, and [`guard`] makes it
-//! an [`Error`] again.
+//! an [`Error`] again. A reader that has enough and closes its end is none: the program ends quietly.
 
 use camrig_base::{Error, Result};
 use std::any::Any;
@@ -30,7 +30,16 @@ pub fn guard<T>(command: impl FnOnce() -> Result<T>) -> Result<T> {
 }
 
 fn failed(error: io::Error) -> Error {
-    let gone = error.kind() == io::ErrorKind::BrokenPipe;
-    let error = Error::io("write", Path::new("standard output"), error);
-    if gone { error.help("the program that reads it has ended") } else { error }
+    Error::io("write", Path::new("standard output"), error)
+}
+
+/// Ends this program as other programs end when nobody reads their output, if that is the error: by
+/// SIGPIPE where there are signals.
+pub fn end_if_unread(error: &Error) {
+    let cause = std::error::Error::source(error).and_then(|e| e.downcast_ref::<io::Error>());
+    if cause.is_some_and(|cause| cause.kind() == io::ErrorKind::BrokenPipe) {
+        #[cfg(unix)]
+        let _ = signal_hook::low_level::emulate_default_handler(signal_hook::consts::SIGPIPE);
+        std::process::exit(0);
+    }
 }

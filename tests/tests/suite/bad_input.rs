@@ -115,10 +115,12 @@ fn closed_or_full_standard_output_ends_with_a_message() {
         if command.ends_with("--help") {
             continue; // help that nobody reads is no failure
         }
-        for ((status, told), cause) in [(closed, "Broken pipe"), (full, "No space left")] {
-            assert_eq!(status, Some(2), "camrig {command}: {told}");
-            assert!(told.contains(cause), "camrig {command}: {told}");
-        }
+        let (status, told) = full;
+        assert_eq!(status, Some(2), "camrig {command}: {told}");
+        assert!(told.contains("No space left"), "camrig {command}: {told}");
+        // Ended by SIGPIPE, as by a reader that has enough, without a word.
+        let (status, told) = closed;
+        assert_eq!((status, told.contains("error")), (None, false), "camrig {command}: {told}");
     }
 }
 

@@ -31,6 +31,52 @@ fn stream(dir: &Path, script: &str) -> Vec<(f64, f64)> {
     settings.map(|s| (number(&s["exposure_s"]), number(&s["analog_gain"]))).collect()
 }
 
+/// A still scene on the emulator with a script's writes before frame 0.
+fn scripted(registers: &str, more: &str) -> Value {
+    let dir = tempfile::tempdir().unwrap();
+    let script = format!("format = \"rig-script/1\"\n[[write]]\nbefore_frame = 0\n{registers}\n");
+    std::fs::write(dir.path().join("s.toml"), script).unwrap();
+    let command = format!(
+        "rig stream emulator: --camera mt9v024 {SMALL} --scene ramp --collapse --script s.toml \
+         --frames 2 --json {more}"
+    );
+    serde_json::from_slice(&camrig_ok(dir.path(), &command).stdout).unwrap()
+}
+
+/// 400 lines of the camera file's 20 µs, and not of the emulator's own 10 µs.
+#[test]
+fn the_timing_of_the_camera_file_counts_for_still_scenes() {
+    let timing = "--set sensor.timing.line_time_us=20 --set sensor.timing.frame_length_lines=500";
+    let told = scripted("registers = { \"0x0202\" = 400 }", timing);
+    let exposure_s = told["settings"][0]["exposure_s"].as_f64().unwrap();
+    assert!((exposure_s - 0.008).abs() < 1e-6, "{exposure_s}");
+}
+
+#[test]
+fn frames_in_standby_are_told_as_such() {
+    let told = scripted("registers = { \"0x0100\" = 0 }", "");
+    assert_eq!((&told["frames_dropped"], &told["frames_in_standby"]), (&json!(2), &json!(2)));
+}
+
+#[test]
+fn an_exposure_longer_than_the_frame_rate_allows_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let script = "format = \"rig-script/1\"\n[[write]]\nbefore_frame = 0\nexposure_s = 0.2\n";
+    std::fs::write(dir.path().join("s.toml"), script).unwrap();
+    for how in ["--exposure 200ms", "--script s.toml"] {
+        let output = camrig(
+            dir.path(),
+            &format!(
+                "rig stream emulator: --camera mt9v024 {SMALL} --scene ramp --collapse --fps 20 \
+                 --frames 2 {how}"
+            ),
+        );
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{how}: {told}");
+        assert!(told.contains("200 ms is longer than a frame at 20 frames/s, 50 ms"), "{told}");
+    }
+}
+
 /// Frames until a write takes effect, from the register of the rig; 1 is the next frame.
 fn delay(register: &str) -> usize {
     let output = camrig(Path::new("."), &format!("rig register emulator: {register} --json"));

@@ -109,25 +109,20 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
     args.page.write(|| report::emva::page(&title, &folder, &result, &command))?;
     let args = &args.on;
     if args.json {
-        let mut object = match &result.channels[..] {
-            [mono] => self::object(mono)?,
-            several => {
-                // At the top, the channel with most light, for which the levels were chosen.
-                let signal = |c: &&emva::ChannelEmva| c.levels.iter().map(|l| l.signal_dn).sum();
-                let most = several
-                    .iter()
-                    .max_by(|a, b| f64::total_cmp(&signal(a), &signal(b)))
-                    .ok_or_else(|| Error::input("no channels"))?;
-                let mut object = self::object(&most.figures)?;
-                object.insert("reference_channel".into(), json!(most.channel));
-                let mut channels = Map::new();
-                for c in several {
-                    channels.insert(c.channel.clone(), to_json(c)?);
-                }
-                object.insert("channels".into(), channels.into());
-                object
-            }
-        };
+        // At the top, the channel with most light, for which the levels were chosen.
+        let signal = |c: &&emva::ChannelEmva| c.levels.iter().map(|l| l.signal_dn).sum();
+        let most = result
+            .channels
+            .iter()
+            .max_by(|a, b| f64::total_cmp(&signal(a), &signal(b)))
+            .ok_or_else(|| Error::input("no channels"))?;
+        let mut object = self::object(&most.figures)?;
+        object.insert("reference_channel".into(), json!(most.channel));
+        let mut channels = Map::new();
+        for c in &result.channels {
+            channels.insert(c.channel.clone(), to_json(c)?);
+        }
+        object.insert("channels".into(), channels.into());
         object.insert("warnings".into(), json!(result.warnings));
         println!("{}", serde_json::Value::Object(object));
         return Ok(ExitCode::SUCCESS);

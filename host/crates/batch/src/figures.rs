@@ -5,14 +5,15 @@
 //!   fixed, from differences of neighbours of one colour, so that shading does not count.
 //! - `slanted-edge`: `mtf50_cycles_per_pixel` per channel (e-SFR) in the same region.
 //! - any scene, where `[figures]` names it: `dynamic_range_db` per channel (EMVA 1288), 20 log₁₀ of
-//!   the largest signal over the smallest detectable one: (white − black)/K e⁻ over σ/K + ½ e⁻ with
-//!   the temporal noise σ of two dark frames of the picture's exposure, gain and temperature, and
-//!   the system gain K, DN/e⁻.
+//!   the largest signal over the smallest detectable one: (white − black)/K e⁻ over
+//!   [`emva::threshold_e`] of the temporal noise of two dark frames of the picture's exposure, gain
+//!   and temperature, and the system gain K, DN/e⁻.
 //! - `colorchecker`: `delta_e_2000`, mean and largest over the patches, of the simple development
 //!   by [`preview`].
 
 use camrig_base::{Error, Plane, RawFrame, Result, toml_text};
 use camrig_formats::{DngInfo, preview};
+use camrig_measure::emva;
 use camrig_measure::mtf::{self, Roi};
 use camrig_measure::picture::{Card, colours, srgb_to_linear};
 use serde_json::{Map, Value, json};
@@ -98,10 +99,10 @@ impl Dark {
             square += (f64::from(a.data[i]) - f64::from(b.data[i])).powi(2);
             count += 1.0;
         }
-        // A difference of two samples has twice the variance of one.
-        let noise_e = (square / (2.0 * count)).sqrt() / self.dn_per_e;
+        // A difference of two samples has twice the variance of one; codes are whole DN.
+        let threshold_e = emva::threshold_e(square / (2.0 * count), 1.0, self.dn_per_e);
         let largest_e = (f64::from(a.white_level_dn) - a.black_level_dn) / self.dn_per_e;
-        (count > 0.0).then(|| 20.0 * libm::log10(largest_e / (noise_e + 0.5)))
+        (count > 0.0).then(|| 20.0 * libm::log10(largest_e / threshold_e))
     }
 }
 
@@ -209,7 +210,12 @@ pub(crate) fn table(records: &[Value], wanted: &Wanted) -> String {
         .and_then(|r| r["parameters"]["camera_keys"].as_object())
         .map_or_else(Vec::new, |keys| keys.keys().cloned().collect());
     let fixed = ["camera", "scene", "illuminant", "lux", "exposure_s", "analog_gain", "frame"];
-    let figures: Vec<&str> = NAMES.into_iter().filter(|name| wanted.has(name)).collect();
+    let columns = |name: &'static str| match name {
+        "mtf50_cycles_per_pixel" => vec![name, "mtf50_std_error", "mtf50_missing"],
+        _ => vec![name],
+    };
+    let figures: Vec<&str> =
+        NAMES.into_iter().filter(|name| wanted.has(name)).flat_map(columns).collect();
     let mut head = vec!["index"];
     head.extend(fixed);
     head.extend(keys.iter().map(|key| &key[..]));
@@ -296,7 +302,12 @@ mod tests {
             dn_per_e: 2.0,
         };
         let found = dark.dynamic_range_db(0).unwrap();
-        let truth = 20.0 * (1997.5_f64 / (2.0_f64.sqrt() + 0.5)).log10();
+        let truth = 20.0 * (1997.5_f64 / (2.25_f64.sqrt() + 0.5)).log10();
+        assert!((found - truth).abs() < 1e-9, "{found} {truth}");
+        // Where all samples have one code, rounding may hide 0.49 DN.
+        let quiet = Dark { frames: [frame(|_, _| 100), frame(|_, _| 100)], dn_per_e: 2.0 };
+        let truth = 20.0 * (1997.5_f64 / ((0.24_f64 / 4.0 + 0.25).sqrt() + 0.5)).log10();
+        let found = quiet.dynamic_range_db(0).unwrap();
         assert!((found - truth).abs() < 1e-9, "{found} {truth}");
         assert_eq!(dark.dynamic_range_db(7), None);
     }

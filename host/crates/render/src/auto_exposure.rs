@@ -12,18 +12,19 @@ use camrig_exposure::IrradianceCube;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Brightness {
-    /// 99 % of the samples lie below 0.85 of the range above black: highlights keep a quarter of a
-    /// stop.
+    /// 99.9 % of the samples of each channel lie below 0.85 of the range above black: highlights keep
+    /// a quarter of a stop.
     Highlights,
     /// The mean of the green channel (of all, where none is green) is this share of the range
     /// above black.
     Mean(f64),
 }
 
-/// Share of the range above black at which 99 % of the samples end.
+/// Share of the range above black at which 99.9 % of the samples end.
 const HIGHLIGHTS: f64 = 0.85;
-/// The share of samples that lies below it.
-const BELOW: f64 = 0.99;
+/// The share of the brightest channel's samples that lies below it: a patch of a chart is more than
+/// the rest, hot pixels are less.
+const BELOW: f64 = 0.999;
 /// Shortest and longest exposure, s: a global shutter's least, and a minute.
 const EXPOSURES_S: [f64; 2] = [1e-6, 60.0];
 /// Exposure of the first trial, s.
@@ -99,9 +100,15 @@ fn goal(brightness: Brightness) -> f64 {
 fn share(frame: &RawFrame, brightness: Brightness) -> f64 {
     let level = match brightness {
         Brightness::Highlights => {
-            let mut samples = frame.data.clone();
-            let place = ((BELOW * samples.len() as f64) as usize).min(samples.len() - 1);
-            f64::from(*samples.select_nth_unstable(place).1)
+            let mut channels = vec![Vec::new(); frame.cfa.channels().len()];
+            for (i, dn) in frame.data.iter().enumerate() {
+                channels[frame.cfa.channel(i % frame.width, i / frame.width)].push(*dn);
+            }
+            let ends = channels.iter_mut().filter(|samples| !samples.is_empty()).map(|samples| {
+                let place = ((BELOW * samples.len() as f64) as usize).min(samples.len() - 1);
+                *samples.select_nth_unstable(place).1
+            });
+            f64::from(ends.max().unwrap_or(0))
         }
         Brightness::Mean(_) => {
             let cfa = &frame.cfa;
@@ -158,6 +165,15 @@ mod tests {
         assert!((share(&frame, mean) - 0.18).abs() < 0.01);
         let green = frame.channel_means();
         assert!(green.iter().any(|channel| channel.name.starts_with('g')));
+    }
+
+    /// The white patch, 1.4 % of the green samples, is the brightest of every channel.
+    #[test]
+    fn the_white_patch_of_a_chart_is_not_clipped() {
+        let (_, frame) = exposed("colorchecker", 300.0, Brightness::Highlights).unwrap();
+        for channel in frame.channel_means() {
+            assert_eq!(channel.saturated, 0.0, "{}", channel.name);
+        }
     }
 
     #[test]

@@ -74,10 +74,14 @@ pub fn counted(value: usize, noun: &str) -> String {
     format!("{} {}", count(value as u64), plural(value, noun))
 }
 
+/// A standard error below this part of its value is one of rounding, which is none.
+const ROUNDING: f64 = 1e-12;
+
 /// A value and its standard error: two digits of the error, the value to the same place. Without
-/// an error, or with one of 0, like [`number`].
+/// an error, or with one of 0 but for rounding, like [`number`].
 pub fn with_error(value: f64, std_error: Option<f64>) -> String {
-    let Some(se) = std_error.filter(|se| *se > 0.0 && se.is_finite()) else {
+    let least = ROUNDING * value.abs();
+    let Some(se) = std_error.filter(|se| *se > least && se.is_finite()) else {
         return number(value);
     };
     if !value.is_finite() {

@@ -347,6 +347,39 @@ mod tests {
     }
 
     #[test]
+    fn bytes_without_a_valid_packet_are_no_sign_of_a_host() {
+        const PATIENCE: Duration = Duration::from_millis(600);
+        let (sender, receiver) = mpsc::channel();
+        std::thread::spawn(move || {
+            let ready = |address: &str| sender.send(address.to_string()).unwrap();
+            let emulator = Emulator::with_threads(1, None);
+            tcp_patient(("127.0.0.1:0", None), emulator, ready, drop, PATIENCE)
+        });
+        let address = receiver.recv().unwrap();
+        let mut noise = TcpStream::connect(&address).unwrap();
+        for _ in 0..10 {
+            let packet = [&20_u32.to_le_bytes()[..], &[b'x'; 20]].concat();
+            io::Write::write_all(&mut noise, &packet).unwrap();
+            std::thread::sleep(PATIENCE / 5);
+        }
+        assert!(Rig::open(&format!("tcp://{address}")).is_ok());
+    }
+
+    /// The end of a link arrives on another thread than the next host.
+    #[test]
+    fn a_host_may_come_back_at_once() {
+        let (sender, receiver) = mpsc::channel();
+        std::thread::spawn(move || {
+            let ready = |address: &str| sender.send(address.to_string()).unwrap();
+            tcp("127.0.0.1:0", None, Emulator::with_threads(1, None), ready, drop)
+        });
+        let url = format!("tcp://{}", receiver.recv().unwrap());
+        for _ in 0..50 {
+            Rig::open(&url).unwrap();
+        }
+    }
+
+    #[test]
     fn with_a_token_others_are_not_served_and_hold_nobody_up() {
         let (sender, receiver) = mpsc::channel();
         std::thread::spawn(move || {

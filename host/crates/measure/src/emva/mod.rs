@@ -56,6 +56,14 @@ const FEW_LEVELS: usize = 5;
 /// Fewest exposure times of darks for a line (the standard requires six for dark current).
 const DARK_EXPOSURES: usize = 3;
 
+/// Smallest detectable signal, e⁻, for a temporal dark variance (DN²) and the gain `k`: SNR = 1 solved
+/// for the signal (release 4.0, eq. 27; earlier releases omitted the ¼). The variance is not below
+/// what rounding to steps with the square `step_dn2` (DN²) can hide (eq. 53 and 54).
+#[must_use]
+pub fn threshold_e(dark_dn2: f64, step_dn2: f64, k: f64) -> f64 {
+    (dark_dn2.max(QUANTISATION_LIMITED * step_dn2) / (k * k) + 0.25).sqrt() + 0.5
+}
+
 /// Result of the measurement.
 #[derive(Clone, Debug)]
 pub struct Checked {
@@ -248,8 +256,7 @@ impl<'a> Steps<'a> {
         let limit = self.quantisation_limit();
         let dark_dn2 = self.dark.at_zero.max(limit);
         let hidden = self.dark.at_zero < limit;
-        // SNR = 1 solved for the signal (release 4.0, eq. 27; earlier releases omitted the ¼).
-        let threshold_e = (dark_dn2 / (k * k) + 0.25).sqrt() + 0.5;
+        let threshold_e = threshold_e(self.dark.at_zero, self.codes.square(), k);
         let saturation_p = photons.map(|p| p[self.saturation]);
         let saturation_e = match (efficiency, saturation_p) {
             (Some(eta), Some(p)) => eta * p,

@@ -552,9 +552,11 @@ fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     Ok(())
 }
 
-/// Refuses an edge with a side at one extreme value: it is clipped at an unknown level.
+/// Refuses an edge with one side at one extreme value: it is clipped at an unknown level. Where both
+/// sides are so, there is no noise.
 fn check_sides(rows: &Rows, line: &EdgeLine) -> Result<()> {
     let samples = || rows.iter().flatten();
+    let mut even = Vec::new();
     for bright in [false, true] {
         let after = bright == line.rises;
         let side = samples().filter(|s| (s.across > line.at(s.along)) == after);
@@ -563,10 +565,13 @@ fn check_sides(rows: &Rows, line: &EdgeLine) -> Result<()> {
         let Some(extreme) = values.iter().copied().reduce(further) else { continue };
         let share = values.iter().filter(|v| **v == extreme).count() as f64 / values.len() as f64;
         if share > ONE_VALUE_SHARE {
-            return Err(clipped(bright, extreme, share, "its samples"));
+            even.push(clipped(bright, extreme, share, "its samples"));
         }
     }
-    Ok(())
+    match even.len() {
+        1 => Err(even.remove(0)),
+        _ => Ok(()),
+    }
 }
 
 /// The error for a side whose level is cut off at `dn` in a `share` of some samples.

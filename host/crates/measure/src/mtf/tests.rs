@@ -401,6 +401,20 @@ fn a_clipped_minority_side_is_refused() {
     assert!(dark.contains("dark side is clipped at 1977 DN"), "{dark}");
 }
 
+/// An edge of 8 bits without noise: both sides have one value each, and neither is clipped.
+#[test]
+fn an_edge_without_noise_is_measured() {
+    let blur = |f: f64| (-2.0 * (PI * 1.2 * f).powi(2)).exp();
+    let values = through(100, 100, 5.0, 0.0, blur);
+    let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
+    let one = |v: &f64| (25.0 + 204.0 * (v - low) / (high - low)).round() as u16;
+    let frame = Plane { width: 100, height: 100, data: values.iter().map(one).collect() };
+    let edge = measure(&frame, &mono(), 'M', whole(&frame), Some(255), None).unwrap();
+    // exp(-2 (π 1.2 f)²) sinc f = 0.5 at 0.1518 cycles/pixel.
+    let found = edge.mtf50_cycles_per_pixel;
+    assert!((found - 0.1518).abs() < 0.001, "{found}");
+}
+
 /// Each frame is held against its own white level.
 #[test]
 fn frames_have_white_levels_of_their_own() {
