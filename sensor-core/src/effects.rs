@@ -238,6 +238,7 @@ catalogue! {
     48 => quantum_efficiency::QuantumEfficiency if "quantum-efficiency",
     49 => prnu_correlated::PrnuCorrelated if "prnu-correlated",
     50 => empirical::Empirical if "empirical",
+    51 => gain_stage::GainStage if "gain-stage",
 }
 
 impl Effect {

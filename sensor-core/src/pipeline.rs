@@ -40,14 +40,16 @@ struct Link {
     /// [`Context::pattern_of`] and [`Context::noise_of`].
     pattern_of: u8,
     noise_of: u8,
+    /// [`Context::passed_gain`].
+    passed_gain: f32,
 }
 
 impl Link {
     /// What its effect knows of a row, beyond what all do.
     #[inline(always)]
     fn context<'a>(&self, cx: &Context<'a>) -> Context<'a> {
-        let Self { key, pattern_of, noise_of, .. } = *self;
-        Context { key, pattern_of, noise_of, ..*cx }
+        let Self { key, pattern_of, noise_of, passed_gain, .. } = *self;
+        Context { key, pattern_of, noise_of, passed_gain, ..*cx }
     }
 }
 
@@ -248,6 +250,7 @@ fn context<'a>(config: &'a SensorConfig, settings: &FrameSettings, chain: &[Link
         temperature_c: settings.temperature_c,
         analog_gain: settings.analog_gain,
         dn_per_e: config.dn_per_e(settings.analog_gain),
+        passed_gain: 1.0,
         full_well_e: config.full_well_e,
         full_scale_e: config.full_well_e,
         black_level_dn: config.black_level_dn,
@@ -292,6 +295,11 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         config.check()?;
         settings.check()?;
         let mut chain: heapless::Vec<Link, MAX_EFFECTS> = heapless::Vec::new();
+        #[cfg_attr(
+            not(feature = "gain-stage"),
+            allow(unused_mut, reason = "nothing passes it on")
+        )]
+        let mut passed_gain = 1.0;
         for effect in &config.effects {
             let entry = effect.entry();
             // Effects of one kind differ by their order.
@@ -302,12 +310,18 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                 Domain::Voltage => [capture, capture],
                 _ => [photodiode, window],
             };
-            let link = Link { effect: *effect, key, pattern_of, noise_of };
+            let link = Link { effect: *effect, key, pattern_of, noise_of, passed_gain };
             chain.push(link).map_err(|_| ConfigError::Memory)?;
+            #[cfg(feature = "gain-stage")]
+            if let Effect::GainStage(stage) = effect {
+                passed_gain *= stage.factor(settings.analog_gain);
+            }
         }
         let len = blocks(config.width as usize);
         let mut memory = memory;
-        let now = Run::new(context(config, settings, &chain), &config.effects, len, &mut memory)?;
+        let mut cx = context(config, settings, &chain);
+        cx.passed_gain = passed_gain;
+        let now = Run::new(cx, &config.effects, len, &mut memory)?;
         let mut before = None;
         if let Some(links) = remembering(config)
             && let Some(effects) = config.effects.get(..links)
@@ -374,7 +388,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                 }
             }
         }
-        let gain = now.cx.dn_per_e;
+        let gain = now.cx.dn_per_e_here();
         let (black, max) = (config.black_level_dn, config.max_dn());
         for (block, out) in now.row.iter().zip(out.chunks_mut(BLOCK)) {
             let mut dn = [0; BLOCK];

@@ -17,7 +17,7 @@ const MAX_DN_PER_E: f64 = 64.0;
 const SENSORS: usize = 1000;
 
 /// Effects without noise; those of thresholds and of random patterns have their own tests.
-const KINDS: [&str; 13] = [
+const KINDS: [&str; 15] = [
     "quantum-efficiency",
     "exposure-offset",
     "colour-shading",
@@ -31,6 +31,8 @@ const KINDS: [&str; 13] = [
     "full-well",
     "companding",
     "system-gain",
+    "gain-stage",
+    "black-level-offset",
 ];
 
 /// A number of 0 to 1, at one of the ends in a third of the draws.

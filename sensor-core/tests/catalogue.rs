@@ -27,6 +27,26 @@ fn entries_are_sound() {
     }
 }
 
+/// Each effect has a test of its name against its closed form, in both arithmetics.
+#[test]
+fn every_effect_has_its_test() {
+    let lists = [
+        include_str!("noise_laws.rs"),
+        include_str!("effects_noise.rs"),
+        include_str!("effects_pattern.rs"),
+    ];
+    let is_tested = |name: &str| {
+        lists.iter().any(|file| {
+            let list = file.split("in_both_arithmetics! {").nth(1).unwrap().split('}').next();
+            list.unwrap().split_whitespace().any(|test| test == name)
+        })
+    };
+    // That one has the file `empirical.rs`.
+    for entry in catalogue().filter(|e| e.kind != "exact-shot-noise") {
+        assert!(is_tested(&entry.kind.replace('-', "_")), "{}", entry.kind);
+    }
+}
+
 /// Effects with all parameters at one end.
 fn corners() -> impl Iterator<Item = Effect> {
     catalogue().flat_map(|entry| {

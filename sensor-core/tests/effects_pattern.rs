@@ -14,13 +14,13 @@ use common::*;
 const HALF: f64 = 0.5 / DN_PER_E + 0.005;
 
 in_both_arithmetics! {
-    full_well_with_knee nonlinearity companding black_sun blooming offset_clipping exposure_offset
+    full_well nonlinearity companding black_sun blooming offset_clipping exposure_offset
     readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
-    prnu_low_frequency prnu_correlated black_level_offset green_imbalance pdaf_pattern
+    prnu_low_frequency prnu_correlated black_level_offset gain_stage green_imbalance pdaf_pattern
     colour_shading
-    relative_illumination fringing adc_nonlinearity defects
+    relative_illumination fringing adc_nonlinearity defective_pixels hot_pixels column_offset_fpn
     light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
-    gains_hold_over_their_ranges stuck_pixels_are_stuck_at_any_gain
+    system_gain quantum_efficiency stuck_pixels
 }
 
 /// Output over input for a ramp of `top` e⁻ over 1000 columns; `expected` maps input to output.
@@ -40,11 +40,11 @@ fn check_response<A: Arith>(effect: Effect, top: f32, expected: impl Fn(f64) -> 
 }
 
 /// Full well of the test sensor, e⁻.
-fn full_well() -> f64 {
+fn well_e() -> f64 {
     f64::from(monochrome(1, 1, &[]).full_well_e)
 }
 
-fn full_well_with_knee<A: Arith>() {
+fn full_well<A: Arith>() {
     let sharp = full_well::FullWell { full_well_e: 5000.0, knee: 0.0 };
     check_response::<A>(sharp.into(), 7000.0, |q| q.min(5000.0));
     let soft = full_well::FullWell { full_well_e: 5000.0, knee: 0.05 };
@@ -54,7 +54,7 @@ fn full_well_with_knee<A: Arith>() {
 }
 
 fn nonlinearity<A: Arith>() {
-    let w = full_well();
+    let w = well_e();
     for (loss, n) in [(0.05f64, 1.0), (0.02, 2.5), (-0.03, 1.0)] {
         let effect = nonlinearity::Nonlinearity { loss: loss as f32, exponent: n as f32 };
         check_response::<A>(effect.into(), 7000.0, |v| v * (1.0 - loss * (v / w).powf(n)));
@@ -64,14 +64,14 @@ fn nonlinearity<A: Arith>() {
 fn companding<A: Arith>() {
     let effect =
         companding::Companding { knee_1: 0.25, slope_1: 0.5, knee_2: 0.5, slope_2: 0.125 };
-    let (a, b) = (0.25 * full_well(), 0.5 * full_well());
+    let (a, b) = (0.25 * well_e(), 0.5 * well_e());
     check_response::<A>(effect.into(), 8000.0, |v| {
         v.min(a) + 0.5 * (v.min(b) - a).max(0.0) + 0.125 * (v - b).max(0.0)
     });
 }
 
 fn black_sun<A: Arith>() {
-    let w = full_well();
+    let w = well_e();
     let effect = black_sun::BlackSun { onset: 10.0 };
     check_response::<A>(effect.into(), 100_000.0, |n| if n > 10.0 * w { 0.0 } else { n });
 }
@@ -93,7 +93,7 @@ fn offset_clipping<A: Arith>() {
 
 fn blooming<A: Arith>() {
     let config = monochrome(8, 5, &[blooming::Blooming { fraction: 0.5 }.into()]);
-    let w = full_well();
+    let w = well_e();
     let spot = |x: u32, y: u32| if (x, y) == (3, 2) { 10_000.0 } else { 100.0 };
     let v = electrons(&config, &SETTINGS, &frame::<A>(&config, &SETTINGS, &mut Means(spot)));
     let spill = 0.25 * (10_000.0 - w);
@@ -108,6 +108,11 @@ fn blooming<A: Arith>() {
 }
 
 fn exposure_offset<A: Arith>() {
+    for times in [0.5f32, 8.0, 12.0, 15.0] {
+        let offset_us = 500.0 * (times - 1.0);
+        let effect = exposure_offset::ExposureOffset { offset_us, step_us: 0.0 };
+        check_gain::<A>(effect.into(), times);
+    }
     let dark = dark_current::DarkCurrent {
         mean_e_per_s: 1e6,
         dsnu_e_per_s: 0.0,
@@ -229,6 +234,38 @@ fn prnu_correlated<A: Arith>() {
     // The left edge is as any other column.
     let edge: Vec<f64> = m.iter().step_by(w).copied().collect();
     near_variance("variance of the left edge", variance(&edge), 1.0, h / 2, 0.0);
+}
+
+/// Offsets of columns and rows in front of the gain and behind it, at gains 1 and 8: in DN they
+/// are G^(1 − s) times those at unity gain, the signal G times what it is there.
+fn gain_stage<A: Arith>() {
+    let columns = |share: f32, analog_gain: f32| {
+        let offsets = column_offset_fpn::ColumnOffsetFpn { sigma_e: 9.0 };
+        let stage = gain_stage::GainStage { share };
+        let mut config = monochrome(4096, 1, &[stage.into(), offsets.into()]);
+        config.full_well_e *= 8.0;
+        let settings = SETTINGS.with_gain(analog_gain);
+        let dn = frame::<A>(&config, &settings, &mut Means(|_, _| 400.0));
+        let dn: Vec<f64> = dn.iter().map(|&d| f64::from(d) - BLACK).collect();
+        (mean(&dn), variance(&dn).sqrt())
+    };
+    for share in [0.0, 0.3, 1.0] {
+        let (at_one, at_eight) = (columns(share, 1.0), columns(share, 8.0));
+        let rise = 8f64.powf(1.0 - f64::from(share));
+        assert!((at_eight.1 / at_one.1 / rise - 1.0).abs() < 5e-3, "{share}: {at_eight:?}");
+        assert!((at_eight.0 / at_one.0 - 8.0).abs() < 0.02, "{share}: {at_eight:?}");
+    }
+    // Behind the whole gain, read noise and stuck pixels are those of unity gain in DN.
+    let read = read_noise::ReadNoise { read_e: 5.0, read_e_post: 0.0 };
+    let stuck = stuck_pixels::StuckPixels { fraction: 1.0, level: 0.25 };
+    let stage = gain_stage::GainStage { share: 1.0 };
+    let at_gain = |effect: Effect, analog_gain| {
+        let config = monochrome(4096, 1, &[stage.into(), effect]);
+        let dn = frame::<A>(&config, &SETTINGS.with_gain(analog_gain), &mut Means(|_, _| 0.0));
+        dn.into_iter().map(f64::from).collect::<Vec<f64>>()
+    };
+    assert_eq!(at_gain(read.into(), 1.0), at_gain(read.into(), 4.0));
+    assert_eq!(at_gain(stuck.into(), 4.0)[0], BLACK + (0.25 * 65_535.0f64).round_ties_even());
 }
 
 fn black_level_offset<A: Arith>() {
@@ -391,17 +428,20 @@ fn widths_are(dn: &[u16], expected: impl Fn(u16) -> usize) {
     }
 }
 
-fn defects<A: Arith>() {
-    let n = 512.0 * 256.0;
-    let share = |effect: Effect, is: fn(f64) -> bool| {
-        let v = flat::<A>(&monochrome(512, 256, &[effect]), &SETTINGS, 1000.0);
-        v.iter().filter(|v| is(**v)).count() as f64
-    };
-    let near_share = |what, count: f64| near(what, count, n * 0.01, (n * 0.01 * 0.99).sqrt());
+/// Pixels of a flat field of 1000 e⁻ that are as `is` says, of those that are expected to be.
+fn check_share<A: Arith>(effect: Effect, is: fn(f64) -> bool, expected: f64) {
+    let v = flat::<A>(&monochrome(512, 256, &[effect]), &SETTINGS, 1000.0);
+    let (n, count) = (v.len() as f64, v.iter().filter(|v| is(**v)).count() as f64);
+    let error = (n * expected * (1.0 - expected)).sqrt();
+    near(effect.entry().kind, count, n * expected, error);
+}
+
+fn defective_pixels<A: Arith>() {
     let weak = defective_pixels::DefectivePixels { fraction: 0.01, gain: 0.25 };
-    near_share("weak", share(weak.into(), |v| (v - 250.0).abs() < HALF));
-    let stuck = stuck_pixels::StuckPixels { fraction: 0.01, level: 0.5 };
-    near_share("stuck", share(stuck.into(), |v| v > 4000.0));
+    check_share::<A>(weak.into(), |v| (v - 250.0).abs() < HALF, 0.01);
+}
+
+fn hot_pixels<A: Arith>() {
     let hot = hot_pixels::HotPixels {
         fraction: 0.01,
         mean_e_per_s: 50_000.0,
@@ -409,7 +449,7 @@ fn defects<A: Arith>() {
         reference_c: 25.0,
     };
     // Exponential tail above a mean of 500 e⁻, blurred by its shot noise (by less than its error).
-    near("hot", share(hot.into(), |v| v > 1500.0), n * 0.01 * (-1f64).exp(), (n * 0.01).sqrt());
+    check_share::<A>(hot.into(), |v| v > 1500.0, 0.01 * (-1f64).exp());
 }
 
 /// A sensor of 16 bits and the largest full well but one, with effects.
@@ -473,27 +513,40 @@ fn black_sun_sets_in_anywhere_in_its_range<A: Arith>() {
     }
 }
 
-/// The mean times the gain, at the ends of the parameters' ranges.
-fn gains_hold_over_their_ranges<A: Arith>() {
-    let settings = FrameSettings::new(5e-4);
-    let check = |effect: Effect, gain: f64| {
-        let config = monochrome(70, 4, &[effect]);
-        let v = flat::<A>(&config, &settings, 400.0);
-        let off = v.iter().fold(0.0, |a: f64, v| a.max((v - 400.0 * gain).abs()));
-        assert!(off < HALF + 1e-6 * gain, "{}: {off} off {gain}", effect.entry().kind);
-    };
-    for ratio in [0.1, 1.0, 7.99, 8.0, 8.01, 10.0] {
-        check(system_gain::SystemGain { ratio }.into(), ratio.into());
-        check(quantum_efficiency::QuantumEfficiency { ratio }.into(), ratio.into());
-    }
-    for times in [0.5f32, 8.0, 12.0, 15.0] {
-        let offset_us = 500.0 * (times - 1.0);
-        check(exposure_offset::ExposureOffset { offset_us, step_us: 0.0 }.into(), times.into());
-    }
+/// A gain, over the range of its parameter, multiplies the signal.
+fn check_gain<A: Arith>(effect: Effect, gain: f32) {
+    let config = monochrome(70, 4, &[effect]);
+    let (v, gain) = (flat::<A>(&config, &FrameSettings::new(5e-4), 400.0), f64::from(gain));
+    let off = v.iter().fold(0.0, |a: f64, v| a.max((v - 400.0 * gain).abs()));
+    assert!(off < HALF + 1e-6 * gain, "{}: {off} off {gain}", effect.entry().kind);
+}
+
+/// Up to the largest ratio and across 8, where a factor of fixed point ends.
+const RATIOS: [f32; 6] = [0.1, 1.0, 7.99, 8.0, 8.01, 10.0];
+
+fn system_gain<A: Arith>() {
+    RATIOS
+        .into_iter()
+        .for_each(|ratio| check_gain::<A>(system_gain::SystemGain { ratio }.into(), ratio));
+}
+
+fn quantum_efficiency<A: Arith>() {
+    let effect = |ratio| quantum_efficiency::QuantumEfficiency { ratio }.into();
+    RATIOS.into_iter().for_each(|ratio| check_gain::<A>(effect(ratio), ratio));
+}
+
+/// The offsets of columns are the same in each row and frame.
+fn column_offset_fpn<A: Arith>() {
+    let effect = column_offset_fpn::ColumnOffsetFpn { sigma_e: 9.0 };
+    let config = monochrome(8192, 2, &[effect.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 0.0);
+    near_variance("variance of columns", variance(&v[..8192]), 81.0, 8192, 0.0);
+    assert_eq!(v[..8192], v[8192..]);
+    assert_eq!(v, flat::<A>(&config, &SETTINGS.with_frame(7), 0.0));
 }
 
 /// Stuck at the converter's input: the same code whatever the gain before it.
-fn stuck_pixels_are_stuck_at_any_gain<A: Arith>() {
+fn stuck_pixels<A: Arith>() {
     for (level, above) in [(0.1, 6553.5), (0.5, 32_767.5), (1.0, 65_535.0)] {
         let config =
             monochrome(16, 1, &[stuck_pixels::StuckPixels { fraction: 1.0, level }.into()]);

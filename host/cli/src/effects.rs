@@ -50,7 +50,13 @@ pub(super) fn describe(effect: &EffectKind) {
     }
     let number = effect.number.map(|n| format!("; number {n} on the link of a rig"));
     let number = number.unwrap_or_default();
-    println!("\nacts on {}{number}\n\n[[effect]]\nkind = {:?}", effect.acts, effect.kind);
+    println!("\nacts on {}{number}", effect.acts);
+    if let Some(test) = effect.test() {
+        println!(
+            "checked against its closed form in f32 and fixed point: sensor-core, test {test}"
+        );
+    }
+    println!("\n[[effect]]\nkind = {:?}", effect.kind);
     for w in effect.words {
         let known =
             if w.values.is_empty() { String::new() } else { format!(": {}", w.values.join(", ")) };
@@ -75,7 +81,7 @@ pub(super) fn as_json(effect: &EffectKind) -> serde_json::Value {
     });
     json!({
         "kind": effect.kind, "number": effect.number, "acts_on": effect.acts,
-        "domain": effect.acts, "doc": effect.doc.trim(),
+        "domain": effect.acts, "test": effect.test(), "doc": effect.doc.trim(),
         "parameters": parameters.collect::<Vec<_>>(),
         "words": effect.words.iter().map(|w| json!({
             "key": w.key, "doc": w.doc, "values": w.values, "required": w.required,

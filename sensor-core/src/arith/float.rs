@@ -158,7 +158,7 @@ impl<const LIGHT: bool> Arith for FloatIn<LIGHT> {
 
     #[inline(always)]
     fn times(s: f32, gain: f32) -> f32 {
-        s * gain
+        Self::signal(s * gain)
     }
 
     #[inline(always)]

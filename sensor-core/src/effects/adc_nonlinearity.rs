@@ -70,9 +70,10 @@ impl Stage for AdcNonlinearity {
             // From here on whole weights.
             *error += weight - sum / power * weight + known.get(b).copied().unwrap_or(0.0);
         }
-        let e_per_dn = 1.0 / cx.dn_per_e;
+        let dn_per_e = cx.dn_per_e_here();
+        let e_per_dn = 1.0 / dn_per_e;
         for v in row.as_flattened_mut() {
-            let mut left = A::electrons(*v) * cx.dn_per_e + cx.black_level_dn + 0.5;
+            let mut left = A::electrons(*v) * dn_per_e + cx.black_level_dn + 0.5;
             let mut code = 0u32;
             for (b, weight) in errors.iter().enumerate().take(bits).rev() {
                 let beside_the_next = b == 0 && code & 2 != 0;

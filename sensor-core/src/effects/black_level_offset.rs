@@ -38,11 +38,12 @@ impl Stage for BlackLevelOffset {
         let common = self.offset_dn
             + self.per_gain_dn * (cx.analog_gain - 1.0)
             + self.per_second_dn * cx.exposure_s;
+        let dn_per_e = cx.dn_per_e_here();
         let by_plane = [self.plane_0_dn, self.plane_1_dn, self.plane_2_dn, self.plane_3_dn];
         let first = cx.row as usize % 2 * 2;
         for (x, v) in row.as_flattened_mut().iter_mut().enumerate() {
             let own = by_plane.get(first + x % 2).copied().unwrap_or(0.0);
-            *v = A::add(*v, A::signal((common + own) / cx.dn_per_e));
+            *v = A::add(*v, A::signal((common + own) / dn_per_e));
         }
     }
 }

@@ -27,6 +27,9 @@ pub struct Context<'a> {
     pub analog_gain: f32,
     /// DN per input-referred electron at this gain.
     pub dn_per_e: f32,
+    /// Gain that the signal has had before this stage, of `analog_gain`: see the effect
+    /// `gain-stage`. Without it, all gain is at the converter.
+    pub passed_gain: f32,
     /// Full well, e⁻: that of the chain's last effect `full-well`, or else the end of the
     /// converter's range at unity gain.
     pub full_well_e: f32,
@@ -86,6 +89,16 @@ pub(crate) fn beside(i: u32, count: u32) -> [u32; 2] {
 }
 
 impl Context<'_> {
+    /// DN per electron of the signal at this stage.
+    pub fn dn_per_e_here(&self) -> f32 {
+        self.dn_per_e / self.passed_gain
+    }
+
+    /// Analogue gain between this stage and the converter.
+    pub fn gain_to_come(&self) -> f32 {
+        self.analog_gain / self.passed_gain
+    }
+
     fn stream(&self, part: u32, over: Over) -> Key {
         let number = match over {
             Over::Pixel | Over::Column | Over::Row | Over::Sensor => self.pattern_of,

@@ -28,9 +28,10 @@ impl Stage for ReadNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
+        let gain = cx.gain_to_come();
         let post = self.read_e_post * self.read_e_post;
         let pre = self.read_e * self.read_e - post;
-        let variance = pre.max(0.0) + post / (cx.analog_gain * cx.analog_gain);
+        let variance = pre.max(0.0) + post / (gain * gain);
         let sigma_e = math::sqrt(variance);
         #[cfg(feature = "read-noise-spread")]
         if let Some((spread, key)) = cx.read_noise_spread {

@@ -25,7 +25,7 @@ impl Stage for StuckPixels {
         row: &mut [Block<A::Signal>],
     ) {
         // The converter's range is a full well at unity gain.
-        let level = A::signal(self.level * cx.full_scale_e / cx.analog_gain);
+        let level = A::signal(self.level * cx.full_scale_e / cx.gain_to_come());
         let mut lanes = cx.per_pixel(0);
         for block in row {
             let chosen = super::chosen(&mut lanes, self.fraction);

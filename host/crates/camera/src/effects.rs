@@ -63,6 +63,12 @@ pub struct EffectKind {
 }
 
 impl EffectKind {
+    /// The test of sensor-core that holds the effect against its closed form, in f32 and in fixed
+    /// point; `None` for those of the optics.
+    pub fn test(&self) -> Option<String> {
+        self.number.map(|_| self.kind.replace('-', "_"))
+    }
+
     /// Every kind that a camera file may name, those of the optics first.
     pub fn all() -> impl Iterator<Item = Self> {
         let optical = OpticalEffect::CATALOGUE.iter().map(|e| Self {

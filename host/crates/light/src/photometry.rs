@@ -1,23 +1,29 @@
 //! Absolute light from relative spectra, and CIE 1931 colour.
 //!
-//! Luminance L_v = Km ∫ L(λ) V(λ) dλ with Km = 683 lm/W (CIE 018), taken as the sum over 360 to
-//! 830 nm in steps of 1 nm, the spectrum linear between its samples. A perfect white diffuser
-//! under an illuminance of E_v lx has the luminance L_v = E_v / π; its spectral radiance is scaled
-//! to it.
+//! Luminance L_v = Km ∫ L(λ) V(λ) dλ over 360 to 830 nm with Km = 683 lm/W (CIE 018), exact for
+//! spectra that are linear between their samples and V between those of its table of 1 nm, however
+//! narrow a line is. A perfect white diffuser under an illuminance of E_v lx has the luminance L_v
+//! = E_v / π; its spectral radiance is scaled to it.
 
 use super::Illuminant;
 use camrig_base::table::built_in;
-use camrig_base::{Bands, Error, Result, Spectrum};
+use camrig_base::{Bands, Error, Result, Spectrum, integral_of_product};
 use std::sync::LazyLock;
 
 /// Luminous efficacy of radiation at 555 nm, lm/W (CIE 018; 683.002 divided by V(555.016 nm)).
 pub const KM: f64 = 683.0;
 
-/// CIE 1931 colour-matching functions x̄, ȳ = V, z̄ in 1 nm steps from 360 nm.
-static OBSERVER: LazyLock<[Vec<f64>; 3]> = LazyLock::new(|| {
+/// CIE 1931 colour-matching functions x̄, ȳ = V, z̄ in 1 nm steps over [`OBSERVER_NM`].
+static OBSERVER: LazyLock<[Spectrum; 3]> = LazyLock::new(|| {
     let table = built_in(include_str!("data/cie1931.csv"));
-    [0, 1, 2].map(|i| table.curves[i].1.clone())
+    let nm: Vec<f64> = (0..table.curves[0].1.len()).map(|i| OBSERVER_NM[0] + i as f64).collect();
+    [0, 1, 2].map(|i| {
+        Spectrum::new(nm.clone(), table.curves[i].1.clone()).expect("the observer's table rises")
+    })
 });
+
+/// First and last wavelength of the observer's table, nm.
+const OBSERVER_NM: [f64; 2] = [360.0, 830.0];
 
 /// The light level of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,20 +74,11 @@ pub fn photons_to_energy(nm: f64) -> f64 {
     HC / (nm * 1e-9)
 }
 
-/// First wavelength of the observer's table, nm; its step is 1 nm.
-const OBSERVER_START_NM: f64 = 360.0;
-
-/// CIE 1931 tristimulus values X, Y, Z: Σ S(λ) x̄(λ) · 1 nm and so on, without a factor. [`KM`]
-/// times Y of a spectral radiance (W m⁻² sr⁻¹ nm⁻¹) is its luminance, cd/m².
+/// CIE 1931 tristimulus values X, Y, Z: ∫ S(λ) x̄(λ) dλ and so on, without a factor. [`KM`] times
+/// Y of a spectral radiance (W m⁻² sr⁻¹ nm⁻¹) is its luminance, cd/m².
 pub fn xyz(spectrum: &Spectrum) -> [f64; 3] {
-    let mut sums = [0.0; 3];
-    for i in 0..OBSERVER[0].len() {
-        let value = spectrum.at(OBSERVER_START_NM + i as f64);
-        for (sum, curve) in sums.iter_mut().zip(OBSERVER.iter()) {
-            *sum += value * curve[i];
-        }
-    }
-    sums
+    let [from_nm, to_nm] = OBSERVER_NM;
+    OBSERVER.each_ref().map(|curve| integral_of_product(&[spectrum, curve], from_nm, to_nm))
 }
 
 /// CIE 1931 chromaticity (x, y).
@@ -92,19 +89,14 @@ pub fn chromaticity(spectrum: &Spectrum) -> [f64; 2] {
 
 /// The CIE 1931 colour-matching functions in 1 nm steps.
 pub fn observer() -> [Spectrum; 3] {
-    let nm = |i: usize| OBSERVER_START_NM + i as f64;
-    let wavelengths: Vec<f64> = (0..OBSERVER[0].len()).map(nm).collect();
-    [0, 1, 2].map(|i| {
-        Spectrum::new(wavelengths.clone(), OBSERVER[i].clone())
-            .expect("the observer's table rises")
-    })
+    OBSERVER.clone()
 }
 
 /// The colour-matching functions as means over bands, for spectra given in bands:
 /// `X = Σ value[b] · observer[0][b] · step_nm`. The parts of the functions outside the bands are
 /// left out.
 pub fn observer_in_bands(bands: &Bands) -> [Vec<f64>; 3] {
-    observer().map(|curve| curve.in_bands(bands))
+    OBSERVER.each_ref().map(|curve| curve.in_bands(bands))
 }
 
 /// Spectral radiance of a perfect white under an illuminant, W m⁻² sr⁻¹ nm⁻¹, one value per band.
@@ -149,6 +141,17 @@ mod tests {
         // Equal power: the sums of the 1 nm tables, CIE 15 (106.865, 106.857, 106.892).
         for (sum, table) in xyz(&Spectrum::constant(1.0)).iter().zip([106.865, 106.857, 106.892]) {
             assert!((sum - table).abs() < 1e-3, "{sum}, table {table}");
+        }
+    }
+
+    /// A line of a tenth of a nanometre between two samples of V: power times Km V(λ).
+    #[test]
+    fn a_line_narrower_than_the_table_s_step_has_its_luminance() {
+        let v = &observer()[1];
+        for nm in [450.3, 532.06, 632.816] {
+            let line = Spectrum::new(vec![nm - 0.1, nm, nm + 0.1], vec![0.0, 30.0, 0.0]).unwrap();
+            let luminance = KM * xyz(&line)[1];
+            assert!((luminance / (KM * 3.0 * v.at(nm)) - 1.0).abs() < 1e-6, "{nm}: {luminance}");
         }
     }
 
