@@ -93,6 +93,22 @@ fn dn(sample: Sample, big_endian: bool, raw: &[u8]) -> Result<u16> {
     }
 }
 
+/// Whether bytes are low and high ones of words in turn: all in odd columns are small, and in even
+/// columns of even and of odd rows some are large. Green of a colour filter array is in both.
+fn are_halves_of_words(data: &[u16], width: usize) -> bool {
+    /// High bytes of 14 bits are below this.
+    const HIGH: u16 = 64;
+    const LOW: u16 = 128;
+    let rows = || data.chunks_exact(width.max(1)).enumerate();
+    let largest = |column: usize, parity: usize| {
+        let rows = rows().filter(|(y, _)| y % 2 == parity);
+        rows.flat_map(|(_, row)| row.iter().skip(column).step_by(2)).max().copied()
+    };
+    let small = |parity| largest(1, parity).is_some_and(|v| v < HIGH);
+    let large = |parity| largest(0, parity).is_some_and(|v| v >= LOW);
+    width.is_multiple_of(2) && small(0) && small(1) && large(0) && large(1)
+}
+
 fn words(bytes: &[u8], word: fn([u8; 2]) -> u16) -> Vec<u16> {
     bytes.as_chunks().0.iter().map(|pair| word(*pair)).collect()
 }
@@ -120,6 +136,14 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         let at = |i: usize| i / pixels + count * (i % pixels / width + height * (i % width));
         data = (0..data.len()).map(|i| data[at(i)]).collect();
     }
+    if sample == Sample::U8 && are_halves_of_words(&data, width) {
+        return Err(Error::input("an array of bytes that are halves of 16-bit samples")
+            .at(format!("type |u1, rows of {width} bytes"))
+            .help(
+                "as picamera2 gives raw arrays: save array.view('<u2')[:, :WIDTH], a sample for \
+                 each two bytes, without the padding",
+            ));
+    }
     let planes = data.chunks_exact(pixels);
     let planes = planes.map(|data| Plane { width, height, data: data.to_vec() }).collect();
     let bits = (sample == Sample::U8).then_some(8);
@@ -129,6 +153,22 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bytes_of_words_are_not_samples() {
+        let array = |data: &[u8]| {
+            let dictionary = "{'descr': '|u1', 'fortran_order': False, 'shape': (2, 4), }\n";
+            let head = [&b"\x93NUMPY\x01\0"[..], &(dictionary.len() as u16).to_le_bytes()];
+            [&head.concat()[..], dictionary.as_bytes(), data].concat()
+        };
+        let words = [0x0140u16, 0x00f0, 0x0190, 0x03c0].map(u16::to_le_bytes).concat();
+        let error = decode(&array(&words)).unwrap_err().to_string();
+        assert!(error.contains("view('<u2')"), "{error}");
+        // Eight bits under red light: G R / B G.
+        let red = decode(&array(&[20, 200, 21, 210, 9, 22, 8, 23])).unwrap();
+        assert_eq!(red.facts.bits, Some(8));
+        assert!(decode(&array(&[200, 20, 210, 21, 22, 9, 23, 8])).is_ok());
+    }
 
     /// What `numpy.save` of `numpy.asfortranarray([[1, 2, 3], [4, 5, 6]], '>u2')` writes.
     #[test]
