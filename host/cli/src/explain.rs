@@ -99,10 +99,10 @@ fn explain_key(key: &Key) {
 /// The values that built-in cameras have for a key.
 fn in_presets(key: &Key) -> Result<()> {
     let mut lines = Vec::new();
-    for name in presets::names() {
+    for name in presets::names().into_iter().filter(|n| !presets::HDR_NAMES.contains(n)) {
         let draft = Draft::of_preset(name)?;
         if let Some(entry) = draft.entry(key.path()) {
-            lines.push(format!("    {name:13} {:12} {}", bare(entry), based_on(entry)));
+            lines.push(format!("    {name:16} {:12} {}", bare(entry), based_on(entry)));
         }
     }
     if !lines.is_empty() {

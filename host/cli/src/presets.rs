@@ -35,7 +35,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 let s = &camera.sensor;
                 let class = Sensor::of(name).map(|s| format!(", {}", s.text("class")));
                 println!(
-                    "{name:13} {} x {} pixels of {} µm, {}, {} bits{}",
+                    "{name:16} {} x {} pixels of {} µm, {}, {} bits{}",
                     s.width,
                     s.height,
                     s.pitch_um,

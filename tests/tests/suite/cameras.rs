@@ -36,8 +36,13 @@ fn the_page_of_the_sensors_is_up_to_date() {
 fn every_preset_gives_the_mean_of_its_parameters() {
     const SIDE: usize = 48;
     let bands = Bands::VISIBLE;
-    for name in presets::names() {
-        let mut camera = Camera::load(name).unwrap();
+    let alone = |camera: Camera| match &camera.sensor.hdr {
+        None => vec![camera],
+        Some(hdr) => (0..hdr.captures.len()).map(|i| camera.of_capture(i).unwrap()).collect(),
+    };
+    let cameras = presets::names().into_iter().flat_map(|name| alone(Camera::load(name).unwrap()));
+    for mut camera in cameras {
+        let name = camera.name.clone();
         (camera.sensor.width, camera.sensor.height) = (SIDE as u32, SIDE as u32);
         let header = CubeHeader {
             width: SIDE,
@@ -56,12 +61,12 @@ fn every_preset_gives_the_mean_of_its_parameters() {
         let exposure_s = 0.01;
         let responses: Vec<f64> = s.response(&bands).iter().map(|r| r.iter().sum()).collect();
         let most = responses.iter().fold(0.0f64, |m, &r| m.max(r));
-        let level = 0.4 * s.full_well_e / (most * exposure_s);
+        let level = 0.4 * s.saturation_e(1.0) / (most * exposure_s);
         let cube = IrradianceCube::uniform(header, &vec![level as f32; bands.count]).unwrap();
         let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, exposure_s, None);
         let frame = sensor.frame(&cube, &settings).unwrap();
-        let dn_per_e = f64::from((1u32 << s.bits) - 1) / s.full_well_e;
+        let dn_per_e = s.dn_per_e(1.0);
         for (channel, response) in responses.iter().enumerate() {
             let at = |p: &usize| s.cfa.channel(p % SIDE, p / SIDE) == channel;
             let pixels: Vec<usize> = (0..SIDE * SIDE).filter(at).collect();

@@ -1,17 +1,23 @@
-//! Files that come with the program: three cameras, tables that cameras name, and the facts on
+//! Files that come with the program: cameras, tables that cameras name, and the facts on
 //! sensors that the other built-in cameras are made of.
 
 /// Names of the cameras that are files of their own.
 pub const NAMES: [&str; 3] = ["mt9t012", "mt9v024", "mobile"];
 
+/// Names of those with several captures of each pixel.
+pub const HDR_NAMES: [&str; 3] = ["imx585-clear-hdr", "imx415-dol", "ox03c10-hdr"];
+
 macro_rules! files {
     ($($name:literal),* $(,)?) => { [$(($name, include_str!(concat!("../presets/", $name)))),*] };
 }
 
-const FILES: [(&str, &str); 16] = files![
+const FILES: [(&str, &str); 19] = files![
     "mt9t012.toml",
     "mt9v024.toml",
     "mobile.toml",
+    "imx585-clear-hdr.toml",
+    "imx415-dol.toml",
+    "ox03c10-hdr.toml",
     "mt9m131-qe.csv",
     "mt9v024-qe.csv",
     "mobile-qe.csv",

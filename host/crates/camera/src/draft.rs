@@ -271,6 +271,12 @@ fn base(request: &Request) -> Result<Base> {
     if let Some(sensor) = Sensor::of(name) {
         return Ok(Base::Sensor(sensor));
     }
+    if builtin::HDR_NAMES.contains(&name.as_str()) {
+        return Err(Error::unsupported(format!(
+            "a draft like {name}, which has several captures"
+        ))
+        .help(format!("start from its file: `camrig presets {name} > camera.toml`")));
+    }
     let file = builtin::NAMES.into_iter().find(|n| n == name).and_then(|name| {
         let text = builtin::file(&format!("{name}.toml"))?;
         Some(Base::File(name, toml::from_str(text).ok()?))
@@ -280,7 +286,8 @@ fn base(request: &Request) -> Result<Base> {
 
 /// Names of all built-in cameras.
 pub(crate) fn names() -> Vec<&'static str> {
-    builtin::NAMES.into_iter().chain(Sensor::all().map(|sensor| sensor.name())).collect()
+    let files = builtin::NAMES.into_iter().chain(builtin::HDR_NAMES);
+    files.chain(Sensor::all().map(|sensor| sensor.name())).collect()
 }
 
 /// No built-in camera has this name; `what` is what it was taken for.

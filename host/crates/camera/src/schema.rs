@@ -76,6 +76,12 @@ fn effect(entry: EffectKind) -> Value {
         }
         properties.insert(p.key.into(), property);
     }
+    if entry.acts != "optics" {
+        let on = "Of a sensor with several captures, those that have it: names of captures where it \
+                  acts on the voltage, else of photodiodes. Left out: all.";
+        let names = json!({ "type": "array", "items": { "type": "string" }, "description": on });
+        properties.insert("on".into(), names);
+    }
     json!({
         "type": "object",
         "description": entry.doc.trim(),

@@ -37,24 +37,24 @@ fn gains(hdr: &Hdr) -> Vec<String> {
     (1..hdr.captures.len()).filter_map(of).collect()
 }
 
-/// Codes of the curve that are finer than those of the capture in use: two neighbouring codes of
-/// the capture lie several codes of the output apart.
-fn steps(hdr: &Hdr) -> Vec<String> {
-    let Some(companding) = &hdr.companding else { return Vec::new() };
+/// Captures in whose range the curve is finer than their codes: two neighbouring codes of the
+/// capture lie several codes of the output apart.
+fn steps(hdr: &Hdr) -> Option<String> {
+    let companding = hdr.companding.as_ref()?;
     let offset = f64::from(hdr.merge.pedestal_dn()) - f64::from(companding.subtract_dn);
     let hands = hdr.merge.hands().iter().zip(&hdr.captures[1..]);
     let of = |(hand, to): (&camrig_sensor_core::hdr::Hand, &super::Capture)| {
         let decide = &hdr.captures[usize::from(hand.decide)];
         let above_black = f64::from(hand.high_dn) - f64::from(decide.black_level_dn);
         let step = companding.curve.step(above_black * decide.gain + offset);
-        (step < to.gain).then(|| {
-            format!(
-                "from the hand-over to capture {} on, a code of the curve covers {step} linear DN \
-                 and one of the capture {}: neighbouring codes of it differ by several of the \
-                 output",
-                to.name, to.gain
-            )
-        })
+        (step < to.gain).then(|| format!("{} ({step} and {:.4} linear DN)", to.name, to.gain))
     };
-    hands.filter_map(of).collect()
+    let finer: Vec<String> = hands.filter_map(of).collect();
+    (!finer.is_empty()).then(|| {
+        format!(
+            "the curve has more codes than the capture where these take over, so that some never \
+             occur: {}",
+            finer.join(", ")
+        )
+    })
 }
