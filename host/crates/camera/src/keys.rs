@@ -22,32 +22,33 @@ pub struct Key {
 
 static KEYS: LazyLock<Vec<Key>> = LazyLock::new(|| {
     let mut keys = Vec::new();
-    collect("", &DECLARED, &mut keys);
+    collect("", &DECLARED, true, &mut keys);
     keys
 });
 
 /// The schema of a camera file with the annotations of its declaration.
 pub(crate) static DECLARED: LazyLock<Json> = LazyLock::new(|| schema_for!(CameraFile).to_value());
 
-/// The keys of a table in the order of its declaration, then those of the tables in it.
-fn collect(table: &str, schema: &'static Json, keys: &mut Vec<Key>) {
+/// The keys of a table in the order of its declaration, then those of the tables in it. Those of a
+/// table that a file may lack are not required.
+fn collect(table: &str, schema: &'static Json, table_required: bool, keys: &mut Vec<Key>) {
     let names = schema["order"].as_array().into_iter().flatten().filter_map(Json::as_str);
     let mut tables = Vec::new();
     for name in names {
         let property = &schema["properties"][name];
         let inner = resolved(&DECLARED, property);
         let path = if table.is_empty() { name.to_string() } else { format!("{table}.{name}") };
+        let required = schema["required"].as_array();
+        let required = table_required && required.is_some_and(|r| r.iter().any(|key| key == name));
         if inner["properties"].is_object() {
-            tables.push((path, inner));
+            tables.push((path, inner, required));
         } else if type_of(inner) != "array" {
             let doc = property["description"].as_str().unwrap_or_default();
             let doc = doc.split_whitespace().collect::<Vec<_>>().join(" ");
-            let required = schema["required"].as_array();
-            let required = required.is_some_and(|keys| keys.iter().any(|key| key == name));
             keys.push(Key { path, doc, required, schema: property });
         }
     }
-    tables.iter().for_each(|(path, inner)| collect(path, inner, keys));
+    tables.iter().for_each(|(path, inner, required)| collect(path, inner, *required, keys));
 }
 
 impl Key {
@@ -111,7 +112,10 @@ impl Key {
         match (&self.schema["without"], &self.schema["default"]) {
             (Json::String(words), _) => Some(words.clone()),
             (_, Json::Null) if self.required => None,
-            (_, Json::Null) => Some(format!("needed where kind = {}", self.schema["of_kind"])),
+            (_, Json::Null) => Some(match &self.schema["of_kind"] {
+                Json::Null => "needed where its table is given".into(),
+                kind => format!("needed where kind = {kind}"),
+            }),
             (_, Json::String(word)) => Some(word.clone()),
             (_, number) => Some(number.as_f64().map_or(String::new(), |v| v.to_string())),
         }
@@ -171,7 +175,7 @@ mod tests {
     fn keys_come_in_the_order_of_a_file_with_what_is_known_of_them() {
         let paths: Vec<&str> = Key::all().iter().map(Key::path).collect();
         assert_eq!(paths[..3], ["name", "lens.kind", "lens.f_number"]);
-        assert_eq!(paths[paths.len() - 1], "sensor.noise.row_fpn_e");
+        assert_eq!(paths[paths.len() - 1], "sensor.hdr.companding.rounding");
         for key in Key::all() {
             assert!(!key.doc().is_empty() && key.doc().ends_with('.'), "{key:?}");
         }

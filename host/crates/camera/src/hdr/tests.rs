@@ -115,13 +115,13 @@ fn what_cannot_be_is_refused_with_the_reason() {
 fn what_is_doubtful_is_remarked() {
     let as_it_is = said("bits = 12", "bits = 12");
     assert!(
-        !as_it_is.contains("% off") && as_it_is.contains("small (32 and 64 linear DN)"),
+        !as_it_is.contains("% off") && as_it_is.contains("small (32 and 64.0000 linear DN)"),
         "{as_it_is}"
     );
     let off = said("gains = [1, 4, 64, 4096]", "gains = [1, 4.125, 64, 4096]");
     assert!(off.contains("+3.1 % off") && off.contains("a gain of 4.0000"), "{off}");
     let fine = camera("dol3").notes(&Bands::VISIBLE).join("\n");
-    assert!(fine.contains("short (64 and 256 linear DN)"), "{fine}");
+    assert!(fine.contains("short (64 and 256.0000 linear DN)"), "{fine}");
 }
 
 #[test]
