@@ -166,11 +166,14 @@ fn say(found: &Report) {
         println!("  {}", nuisance.line());
     }
     for e in found.evidence.iter().filter(|e| e.is_named()) {
+        let deviation = match e.deviation.is_finite() {
+            true => format!(", {:+.0} standard errors", e.deviation),
+            false => String::new(),
+        };
         println!(
-            "  evidence of {} ({}, {:+.0} standard errors): {}",
+            "  evidence of {} ({}{deviation}): {}",
             e.effect,
             e.status.words(),
-            e.deviation,
             if e.amounts.is_empty() { e.description.clone() } else { e.amounts_in_words() },
         );
     }

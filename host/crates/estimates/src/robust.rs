@@ -76,12 +76,26 @@ impl Sorted {
     }
 
     /// A quantile with its standard error from the order statistics on both sides, whose rank is
-    /// binomial: no law of the values is assumed.
+    /// binomial: no law of the values is assumed. Of values on a lattice, as means of few whole
+    /// numbers are, the quantile is not known better than the lattice is fine: the error is at
+    /// least that of rounding to it, its step over √12.
     pub fn estimate(&self, p: f64) -> Value {
         let n = self.0.len() as f64;
         let (rank, sd) = (p * (n - 1.0), (n * p * (1.0 - p)).sqrt());
         let error = 0.5 * (self.at(rank + sd) - self.at(rank - sd));
-        Value::new(self.at(rank), error)
+        let value = self.at(rank);
+        Value::new(value, error.max(self.step(value) / 12f64.sqrt()))
+    }
+
+    /// Half the distance between the next values below and above one, beyond rounding; 0 where
+    /// there are none.
+    fn step(&self, value: f64) -> f64 {
+        let (Some(first), Some(last)) = (self.0.first(), self.0.last()) else { return 0.0 };
+        let rounding = 1e-9 * value.abs().max(last - first);
+        let below = self.0.partition_point(|v| *v < value - rounding);
+        let above = self.0.partition_point(|v| *v <= value + rounding);
+        let below = below.checked_sub(1).map_or(value, |i| self.0[i]);
+        0.5 * (self.0.get(above).copied().unwrap_or(value) - below)
     }
 
     /// Standard deviation of a normal law from the distance between the lower quartile and the
@@ -144,6 +158,17 @@ mod tests {
             rest.sum::<f64>() / 199.0
         });
         assert!((kept / mean(&values[..200]).std_error - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_lattice_bounds_how_well_a_quantile_is_known() {
+        // Thirds, with the rounding that differences of means have.
+        let value = |i: usize| (f64::from(i as u32 % 5) - 2.0) / 3.0 + 1e-16 * i as f64;
+        let sorted = Sorted::new((0..5000).map(value));
+        let median = sorted.estimate(0.5);
+        assert!(median.value.abs() < 1e-9);
+        assert!((median.std_error - 1.0 / 3.0 / 12f64.sqrt()).abs() < 1e-9, "{median:?}");
+        assert_eq!(Sorted::new([1.0; 9]).estimate(0.5), Value::new(1.0, 0.0));
     }
 
     #[test]

@@ -33,6 +33,7 @@ pub use self::search::find_edges;
 
 use self::line::EdgeLine;
 use self::sfr::{Sfr, Spread};
+use super::rounding::QUANTISATION_LIMITED;
 use camrig_base::Cfa;
 use camrig_base::Value;
 use camrig_base::median::{SD_PER_MAD, median};
@@ -203,7 +204,8 @@ pub fn measure_frames(
         |p: &[f64; 2]| jackknife(&parts.iter().filter_map(|s| s.at(p[0])).collect::<Vec<_>>());
     let mtf50_frame_spread = edges.frame_spread()?;
     let between = mtf50_frame_spread.map_or(0.0, |s| s / (frames.len() as f64).sqrt());
-    let mtf50 = Value::new(mtf50, rows.max(between));
+    let rounded = edges.rounding(&sfr, mtf50);
+    let mtf50 = Value::new(mtf50, libm::hypot(rows.max(between), rounded));
     let size = frames[0].0;
     let half = [size.width, size.height].map(|side| 0.5 * side as f64);
     let (across, along) = first.line.centre();
@@ -259,6 +261,20 @@ struct Edges<'a> {
 }
 
 impl<'a> Edges<'a> {
+    /// Error of a frequency by rounding where no noise blurs it: the last half DN of each side's
+    /// tail is lost, which is 1 DN of the step, and moves the response by as much.
+    fn rounding(&self, sfr: &Sfr, frequency: f64) -> f64 {
+        /// Steps of the slope, cycles per pixel.
+        const BESIDE: f64 = 0.01;
+        let first = &self.found[0];
+        let sides = far_sides(&first.rows, &first.line, sfr.half);
+        let blurred = sides.iter().all(|side| side.variance >= QUANTISATION_LIMITED);
+        let (below, above) = (sfr.at(frequency - BESIDE), sfr.at(frequency + BESIDE));
+        let (false, Some(below), Some(above)) = (blurred, below, above) else { return 0.0 };
+        let slope = (above - below) / (2.0 * BESIDE);
+        (1.0 / (sides[1].mean - sides[0].mean) / slope).abs()
+    }
+
     fn new(found: &'a [Found]) -> Self {
         let reach = found.iter().map(|f| Spread::reach(&f.rows, &f.line));
         let mean = |side: usize| {
