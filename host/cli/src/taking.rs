@@ -111,7 +111,7 @@ pub fn expose_frames(
         match &mut stage {
             Stage::One(stage, sensor) => {
                 let frame = one(args, stage, sensor, &seen, &settings)?;
-                let info = info(args, subject, camera, &settings)?;
+                let info = info(args, subject, camera, (cube, &settings))?;
                 sink.write(&args.readout.readout().of(frame)?, &info)?;
             }
             Stage::Several(sensor) => {
@@ -213,9 +213,9 @@ fn info(
     args: &FrameArgs,
     subject: &Subject<'_>,
     camera: &Camera,
-    settings: &FrameSettings,
+    (cube, settings): (&IrradianceCube, &FrameSettings),
 ) -> Result<camrig_formats::DngInfo> {
-    let (light, header) = (subject.illuminant, &subject.first.header);
+    let (light, header) = (subject.illuminant, &cube.header);
     let mut info = render::frame_info(camera, settings, light, header, args.opcodes)?;
     let side = f64::from(args.readout.readout().side());
     info.pitch_um = info.pitch_um.map(|pitch| pitch * side);
@@ -239,7 +239,7 @@ fn all(
     let frame = sensor.frame(seen.cube, &settings, options)?;
     let (camera, hdr) = (subject.camera, sensor.hdr());
     if hdr.output != HdrOutput::Captures {
-        let mut info = info(args, subject, camera, &settings)?;
+        let mut info = info(args, subject, camera, (seen.cube, &settings))?;
         render::describe_merged(&mut info, hdr, &camera.sensor.cfa);
         let sent = sensor.sent(frame, settings.analog_gain.into())?;
         return Ok(sent.into_iter().map(|frame| (None, frame, info.clone())).collect());
@@ -248,7 +248,8 @@ fn all(
     let of = |(i, (frame, capture)): (usize, (RawFrame, &camrig_camera::hdr::Capture))| {
         let plain = camera.of_capture(i);
         let plain = plain.ok_or_else(|| Error::internal("a capture without a camera"))?;
-        let info = info(args, subject, &plain, &hdr.settings(capture, &settings))?;
+        let own = hdr.settings(capture, &settings);
+        let info = info(args, subject, &plain, (seen.cube, &own))?;
         Ok((Some(capture.name.clone()), frame, info))
     };
     frames.map(of).collect()

@@ -127,9 +127,10 @@ fn a_reader_that_leaves_ends_a_stream_with_words() {
         let mut reader = child.stdout.take().unwrap();
         reader.read_exact(&mut [0; 20_000]).unwrap();
         drop(reader);
+        // As other programs in a pipe: ended by the pipe's signal, without an error.
         let (status, told) = said(child);
-        assert_eq!(status, Some(2), "{told}");
-        assert!(told.contains("has ended") && told.contains("written whole"), "{told}");
+        assert_eq!(status, None, "{told}");
+        assert!(!told.contains("error"), "{told}");
     }
 }
 

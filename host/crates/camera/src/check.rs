@@ -2,9 +2,10 @@
 
 use super::effects::{AnyEffect, read_effect};
 use super::empirical::{self, Empirical};
-use super::file::{self, CameraFile, Direction, FallOff, FileName, FractionOrFile, Law};
+use super::file::{self, CameraFile, Direction, FallOff, Law};
 use super::file::{LensFile, NoiseFile, SensorFile, TimingFile};
 use super::hdr::{self, EffectOn, Hdr};
+use super::named_files::{FileName, FractionOrFile};
 use super::prescription;
 use super::{
     Camera, CrosstalkTable, Folder, KeptNoise, LensKind, LensModel, Noise, RelativeIllumination,

@@ -11,6 +11,7 @@
 
 use super::Shutter;
 use super::hdr::file::HdrFile;
+use super::named_files::{FileName, FractionOrFile};
 use super::order::in_order;
 use camrig_base::alternatives::Alternatives;
 use schemars::JsonSchema;
@@ -37,21 +38,6 @@ pub struct CameraFile {
 
 /// An effect, which the catalogue of effects describes.
 type Effect = std::collections::BTreeMap<String, serde_json::Value>;
-
-/// A number from 0 to 1, or the name of a CSV file.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(untagged)]
-#[non_exhaustive]
-pub enum FractionOrFile {
-    Number(#[schemars(range(min = 0.0, max = 1.0))] f64),
-    File(FileName),
-}
-
-/// The name of a file or directory, relative to the camera file.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(transparent)]
-#[schemars(inline, extend("format" = "file"))]
-pub struct FileName(pub String);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

@@ -39,6 +39,7 @@ mod file;
 pub mod hdr;
 mod kept_noise;
 pub mod keys;
+mod named_files;
 pub mod optical;
 mod order;
 mod parameter;

@@ -1,7 +1,8 @@
 //! `kind = "prescription"`: a lens file, and how the lens is used.
 
 use super::Folder;
-use super::file::{FileName, LensFile};
+use super::file::LensFile;
+use super::named_files::FileName;
 use camrig_base::alternatives::Alternatives;
 use camrig_base::toml_text::place_of_key;
 use camrig_base::{Error, Result};

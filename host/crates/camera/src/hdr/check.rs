@@ -3,7 +3,7 @@
 use super::file::{CaptureFile, HdrFile, PhotodiodeFile, RoundingFile};
 use super::{Capture, EffectOn, Hdr, HdrOutput, Photodiode};
 use crate::check::fraction_curve;
-use crate::file::{FileName, FractionOrFile};
+use crate::named_files::{FileName, FractionOrFile};
 use crate::{AnyEffect, Camera, Folder};
 use camrig_base::{Error, Outside, Result, Spectrum, mistakes};
 use camrig_sensor_core::arith::MAX_SIGNAL_E;

@@ -1,6 +1,6 @@
 //! The shape of `[sensor.hdr]` in a camera file.
 
-use crate::file::FractionOrFile;
+use crate::named_files::FractionOrFile;
 use crate::order::in_order;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -166,7 +166,7 @@ pub fn evidence(page: &mut Page, found: &[Evidence]) {
             figure(e.deviation),
             figure(e.deviation_after),
             if e.false_alarm < 1e-3 { "below 0.001".into() } else { number(e.false_alarm) },
-            e.amounts_in_words(),
+            printed(&e.amounts_in_words()),
             printed(&e.description),
         ]
     }));
