@@ -17,7 +17,7 @@ pub enum Layout {
     Mipi,
     /// A stream of bits, each sample's lowest bit first (GenICam PFNC 2.x, `p`).
     LowestFirst,
-    /// A Raspberry Pi 5's compression with loss, read alone ([`super::pisp`]).
+    /// A Raspberry Pi 5's compression with loss; read, not written.
     Pisp,
     /// Two samples in three bytes, the low bits of both in the middle one (GigE Vision,
     /// `Packed`).
