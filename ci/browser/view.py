@@ -202,7 +202,10 @@ def controls(console):
     console.check(abs(console.mean() / full - 1) < 0.02, f"half the exposure, twice the light: {console.mean()} of {full} DN")
     console.ask("document.getElementById('auto').click()")
     console.until("state.settings.auto_exposure && Math.abs(state.settings.exposure_s - 0.005) > 1e-4")
-    console.until("""(() => { const v = [...picture.frame.samples].sort((a, b) => a - b)[Math.floor(0.99 * picture.frame.samples.length)];
+    # By the brightest channel: each place of the 2 x 2 pattern has its own 99 %.
+    console.until("""(() => { const f = picture.frame, at = [[], [], [], []];
+        f.samples.forEach((dn, i) => at[(i % f.width) % 2 + 2 * (Math.floor(i / f.width) % 2)].push(dn));
+        const v = Math.max(...at.map(of => of.sort((a, b) => a - b)[Math.floor(0.99 * of.length)]));
         return Math.abs((v - picture.frame.black) / (picture.frame.white_level_dn - picture.frame.black) - 0.85) < 0.1; })()""")
     # The box follows the state with the next picture of the page: a click before that would tick it once more.
     console.until("document.getElementById('auto').checked")

@@ -1,7 +1,7 @@
 //! A change of the signal, and noise, that depend on the signal itself.
 
-use super::curve::Curve;
 use super::Context;
+use super::curve::Curve;
 use crate::arith::{Arith, Block};
 
 /// v += A f(v) + σ(v) z, from knots (v, f, σ).
