@@ -63,15 +63,16 @@ impl Sorted {
         Self(values)
     }
 
-    /// Interpolated quantile.
+    /// Interpolated quantile; of no values NaN.
     pub fn quantile(&self, p: f64) -> f64 {
-        self.at(p * (self.0.len() - 1) as f64)
+        self.at(p * (self.0.len() as f64 - 1.0))
     }
 
     fn at(&self, rank: f64) -> f64 {
-        let rank = rank.clamp(0.0, (self.0.len() - 1) as f64);
+        let Some(last) = self.0.len().checked_sub(1) else { return f64::NAN };
+        let rank = rank.clamp(0.0, last as f64);
         let (i, part) = (rank as usize, rank.fract());
-        let next = self.0[(i + 1).min(self.0.len() - 1)];
+        let next = self.0[(i + 1).min(last)];
         self.0[i] + part * (next - self.0[i])
     }
 
@@ -169,6 +170,9 @@ mod tests {
         assert!(median.value.abs() < 1e-9);
         assert!((median.std_error - 1.0 / 3.0 / 12f64.sqrt()).abs() < 1e-9, "{median:?}");
         assert_eq!(Sorted::new([1.0; 9]).estimate(0.5), Value::new(1.0, 0.0));
+        let none = Sorted::new([f64::NAN]);
+        assert!(none.estimate(0.5).value.is_nan() && none.quantile(0.1).is_nan());
+        assert!(none.lower_sd().value.is_nan());
     }
 
     #[test]
