@@ -2,7 +2,8 @@
 //!
 //! The standard library's `println!` panics then. Here it unwinds with the error as its payload,
 //! without the words of a panic, so that outputs under way are cleaned up, and [`guard`] makes it
-//! an [`Error`] again. A reader that has enough and closes its end is none: the program ends quietly.
+//! an [`Error`] again. A reader that has enough and closes its end is none: the program ends
+//! quietly.
 
 use camrig_base::{Error, Result};
 use std::any::Any;

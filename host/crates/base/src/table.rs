@@ -3,7 +3,8 @@
 //!
 //! Tables are read as other programs write them: separated by commas, semicolons, tabs or blanks,
 //! with a decimal comma where the comma does not separate; with any header or none; in nm, µm or Å;
-//! from short to long wavelengths or back; and exports of light meters. What was assumed is in [`SpectralTable::remarks`]. A
+//! from short to long wavelengths or back; and exports of light meters. What was assumed is in
+//! [`SpectralTable::remarks`]. A
 //! line `# outside: held` or `# outside: zero` says what the curves are outside their wavelengths.
 //!
 //! What the values are is read from names of a closed list and from units

@@ -1,6 +1,6 @@
 //! Finds and corrects everything in a capture set that is not the steady behaviour of its sensor:
-//! torn frames, particle hits, wrong labels of light, copied frames, codes with a step, start-up, drift of the
-//! lamp, pixels that change within a stack, frames that a camera processed.
+//! torn frames, particle hits, wrong labels of light, copied frames, codes with a step, start-up,
+//! drift of the lamp, pixels that change within a stack, frames that a camera processed.
 //!
 //! [`Cleaned`] is a capture set with its [`Finding`]s: which stack, which frames and pixels, how
 //! much, how often, and what was done. It reads the frames corrected. No sensor model is needed.

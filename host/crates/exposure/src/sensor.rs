@@ -50,7 +50,8 @@ impl SimulatedSensor {
     /// The sensor of `camera` in front of a cube with this header.
     ///
     /// # Errors
-    /// A camera with `[sensor.hdr]`, which is an [`HdrSensor`](super::hdr::HdrSensor); a cube of another size than the sensor's; values that `sensor-core` refuses.
+    /// A camera with `[sensor.hdr]`, which is an [`HdrSensor`](super::hdr::HdrSensor); a cube of
+    /// another size than the sensor's; values that `sensor-core` refuses.
     pub fn new(camera: &Camera, header: &CubeHeader) -> Result<Self> {
         Self::in_light(camera, header, 1.0)
     }

@@ -67,7 +67,8 @@ pub struct DngInfo {
     pub f_number: Option<f64>,
     /// Focal length, mm.
     pub focal_length_mm: Option<f64>,
-    /// Distance of neighbouring pixels, µm. FITS has a place for it, DNG none that readers agree on.
+    /// Distance of neighbouring pixels, µm. FITS has a place for it, DNG none that readers agree
+    /// on.
     pub pitch_um: Option<f64>,
     /// XYZ to camera R, G, B, for up to two lights.
     pub color_matrices: Vec<ColorMatrix>,
@@ -81,8 +82,8 @@ pub struct DngInfo {
     /// Numbers of further fields of the main directory, by tag: white and exposure as
     /// other programs wrote them, kept as they were read.
     pub carried: BTreeMap<u16, Vec<f64>>,
-    /// Linear value of each stored code, 16 bits, where codes are companded. Black levels are linear
-    /// values then.
+    /// Linear value of each stored code, 16 bits, where codes are companded. Black levels are
+    /// linear values then.
     pub linearization: Vec<u16>,
     /// Corrections of stored values (bad pixels).
     pub opcode_list1: Vec<Opcode>,

@@ -5,7 +5,8 @@
 //! or compressed in tiles (section 10), of integers or floats of any size whose values are whole.
 //! Keywords of camera programs that are understood: BAYERPAT (COLORTYP) with XBAYROFF and
 //! YBAYROFF, ROWORDER, and what [`Taken`] holds. Written are EXPTIME, GAIN (1 is
-//! unity), XPIXSZ and YPIXSZ where they are known, ROWORDER, and of a 2 x 2 pattern BAYERPAT. An extension without one of these keywords takes it from a primary header without data
+//! unity), XPIXSZ and YPIXSZ where they are known, ROWORDER, and of a 2 x 2 pattern BAYERPAT. An
+//! extension without one of these keywords takes it from a primary header without data
 //! unless it says INHERIT = F (the INHERIT convention of the FITS registry), which a note says:
 //! programs that compress an image move it behind such a header.
 //!

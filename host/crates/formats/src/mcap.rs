@@ -6,7 +6,8 @@
 //! `sensor_msgs/msg/CameraInfo` on `/camera/camera_info` with the same time stamp. Samples of up
 //! to 8 bits are `mono8` or `bayer_rggb8` and its like, others `...16`; they are the sensor's DN,
 //! not stretched. What ROS has no field for (bits, black and white level) is in the channel's
-//! metadata under `camrig`, from which [`decode`] takes it. Written without compression, read also with zstd and lz4; a chunk for each
+//! metadata under `camrig`, from which [`decode`] takes it. Written without compression, read also
+//! with zstd and lz4; a chunk for each
 //! frame, so that a recording that is cut off can be repaired (`mcap recover`).
 
 mod chunks;

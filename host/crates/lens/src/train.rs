@@ -38,7 +38,8 @@ pub struct Train {
     pub entrance_pupil_mm: f64,
     /// Whether the pupil is at infinity; what replaces it: [`Paraxial::telecentric`].
     pub telecentric: bool,
-    /// What vignetting factors leave of the pupil at fields, which rise; empty where there are none.
+    /// What vignetting factors leave of the pupil at fields, which rise; empty where there are
+    /// none.
     pub vignetted: Vec<FieldPupil>,
     /// Radius of the cone from the object in the plane that rays are aimed at, mm, where it stands
     /// for the stop ([`super::Prescription::telecentric`]).

@@ -12,8 +12,8 @@ use camrig_exposure::IrradianceCube;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Brightness {
-    /// 99.9 % of the samples of each channel lie below 0.85 of the range above black: highlights keep
-    /// a quarter of a stop.
+    /// 99.9 % of the samples of each channel lie below 0.85 of the range above black: highlights
+    /// keep a quarter of a stop.
     Highlights,
     /// The mean of the green channel (of all, where none is green) is this share of the range
     /// above black.

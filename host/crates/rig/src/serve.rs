@@ -208,7 +208,8 @@ impl io::Read for Timed<'_> {
 }
 
 /// Serves hosts on a TCP address, one at a time; others are turned away, unless the one served has
-/// been silent, or sent nothing valid, for [`GIVEN_UP_AFTER`]. With a token, only hosts that know it are
+/// been silent, or sent nothing valid, for [`GIVEN_UP_AFTER`]. With a token, only hosts that know
+/// it are
 /// served, and no other has an effect on them. Calls `ready` with the address in force (a port 0
 /// has become a number), and `link_failed` from another thread with each fault that ends a link.
 ///

@@ -65,14 +65,11 @@ impl<'a> Expected<'a> {
         let warmer = camera.sensor.temperature_c - noise.temperature_ref_c;
         let growth = libm::exp2(warmer / noise.dark_doubling_c);
         let ratio = |c: &Capture| {
-            let response = &hdr.photodiodes[c.photodiode].response;
-            let mut values = response.samples().map(|(_, ratio)| ratio);
-            let first = values.next().unwrap_or_default();
-            let same = values.all(|ratio| ratio == first);
-            same.then_some(first * c.exposure_ratio).ok_or_else(|| {
+            let photodiode = &hdr.photodiodes[c.photodiode];
+            photodiode.ratio().map(|ratio| ratio * c.exposure_ratio).ok_or_else(|| {
                 Error::unsupported(format!(
                     "expected signals of photodiode {:?}, whose ratio depends on the wavelength",
-                    hdr.photodiodes[c.photodiode].name
+                    photodiode.name
                 ))
             })
         };

@@ -46,6 +46,16 @@ pub struct Photodiode {
     pub prnu: f64,
 }
 
+impl Photodiode {
+    /// Its ratio, where that is the same at all wavelengths: of others no number is right for all
+    /// light.
+    pub fn ratio(&self) -> Option<f64> {
+        let mut ratios = self.response.samples().map(|(_, ratio)| ratio);
+        let first = ratios.next()?;
+        ratios.all(|ratio| ratio == first).then_some(first)
+    }
+}
+
 /// A reading of a pixel.
 #[derive(Clone, Debug)]
 #[non_exhaustive]

@@ -12,13 +12,9 @@ pub(crate) fn of(hdr: &Hdr) -> Vec<String> {
 
 /// Gains that are not the ratio of the captures' signals: the merged signal jumps at the hand-over.
 fn gains(hdr: &Hdr) -> Vec<String> {
-    // Of photodiodes whose ratio depends on the wavelength no gain is right for all light.
     let ratio = |i: usize| {
         let capture = &hdr.captures[i];
-        let mut ratios = hdr.photodiodes[capture.photodiode].response.samples();
-        let (_, first) = ratios.next()?;
-        let electrons =
-            ratios.all(|(_, r)| r == first).then_some(first * capture.exposure_ratio)?;
+        let electrons = hdr.photodiodes[capture.photodiode].ratio()? * capture.exposure_ratio;
         Some(electrons * capture.dn_per_e(1.0) * capture.gain)
     };
     let Some(first) = ratio(0) else { return Vec::new() };

@@ -5,8 +5,8 @@
 //! (`image/dng.cpp`, BSD-2) for the levels of mode 3, of which that text has others.
 //!
 //! Eight samples take eight bytes: a word of 32 bits, low byte first, of the even ones and a word
-//! of the odd ones. A word has a mode and four levels, as differences or, in mode 3, each by itself;
-//! the mode sets the steps of levels: 16 and 32, 64, 128, 256 and 512, of 65536.
+//! of the odd ones. A word has a mode and four levels, as differences or, in mode 3, each by
+//! itself; the mode sets the steps of levels: 16 and 32, 64, 128, 256 and 512, of 65536.
 
 /// Samples that are coded together.
 pub const GROUP: usize = 8;

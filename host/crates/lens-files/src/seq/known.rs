@@ -24,8 +24,8 @@ const TOLERANCES: &[&str] = &[
 const MANUFACTURE: &[&str] = &["CA", "DDM", "RAT", "CIN", "SPT", "MFL", "TCE", "STP", "THM"];
 
 /// Commands and words that solve for a value, or take it from another surface, whose result stands
-/// in the file already: the paraxial image (PIM); the length of a part (OAL); angle (U), incidence (I) or height (H) of the
-/// marginal (M) or chief ray (C) in y or x; pickups.
+/// in the file already: the paraxial image (PIM); the length of a part (OAL); angle (U), incidence
+/// (I) or height (H) of the marginal (M) or chief ray (C) in y or x; pickups.
 const SOLVES: &[&str] = &[
     "PIM", "OAL", "UMY", "UMX", "UCY", "UCX", "IMY", "IMX", "ICY", "ICX", "HMY", "HMX", "HCY",
     "HCX", "PIK", "PIC",

@@ -56,7 +56,8 @@ const FEW_LEVELS: usize = 5;
 /// Fewest exposure times of darks for a line (the standard requires six for dark current).
 const DARK_EXPOSURES: usize = 3;
 
-/// Smallest detectable signal, e⁻, for a temporal dark variance (DN²) and the gain `k`: SNR = 1 solved
+/// Smallest detectable signal, e⁻, for a temporal dark variance (DN²) and the gain `k`: SNR = 1
+/// solved
 /// for the signal (release 4.0, eq. 27; earlier releases omitted the ¼). The variance is not below
 /// what rounding to steps with the square `step_dn2` (DN²) can hide (eq. 53 and 54).
 #[must_use]

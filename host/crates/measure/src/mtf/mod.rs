@@ -568,8 +568,8 @@ fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     Ok(())
 }
 
-/// Refuses an edge with one side at one extreme value: it is clipped at an unknown level. Where both
-/// sides are so, there is no noise.
+/// Refuses an edge with one side at one extreme value: it is clipped at an unknown level. Where
+/// both sides are so, there is no noise.
 fn check_sides(rows: &Rows, line: &EdgeLine) -> Result<()> {
     let samples = || rows.iter().flatten();
     let mut even = Vec::new();
