@@ -3,6 +3,7 @@
 use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
 use crate::math;
+use core::ops::{Add, Div, Mul, Sub};
 
 effect! {
     /// Read noise: white Gaussian noise of the read-out chain, one part before and one after the
@@ -20,6 +21,19 @@ effect! {
     }
 }
 
+/// Variance at an analogue gain G of a read noise r, of which r_post comes after the gain stage:
+/// r² − r_post² + (r_post/G)², input-referred.
+pub fn variance<T>(read_e: T, read_e_post: T, analog_gain: T) -> T
+where
+    T: Copy + Default + PartialOrd + Add<Output = T> + Sub<Output = T>,
+    T: Mul<Output = T> + Div<Output = T>,
+{
+    let post = read_e_post * read_e_post;
+    let pre = read_e * read_e - post;
+    let pre = if pre > T::default() { pre } else { T::default() };
+    pre + post / (analog_gain * analog_gain)
+}
+
 impl Stage for ReadNoise {
     #[inline(always)]
     fn apply<A: Arith>(
@@ -28,11 +42,7 @@ impl Stage for ReadNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let gain = cx.gain_to_come();
-        let post = self.read_e_post * self.read_e_post;
-        let pre = self.read_e * self.read_e - post;
-        let variance = pre.max(0.0) + post / (gain * gain);
-        let sigma_e = math::sqrt(variance);
+        let sigma_e = math::sqrt(variance(self.read_e, self.read_e_post, cx.gain_to_come()));
         #[cfg(feature = "read-noise-spread")]
         if let Some((spread, key)) = cx.read_noise_spread {
             return super::read_noise_spread::add::<A>(cx, key, spread, sigma_e, row);

@@ -6,7 +6,7 @@ use camrig_light::photometry::HC;
 use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig, Streams};
 use camrig_sensor_core::effects::{Domain, Effect, Needs};
 use camrig_sensor_core::effects::{
-    dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
+    dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
 };
 
@@ -79,6 +79,13 @@ pub struct Noise {
     pub prnu: f64,
     /// Standard deviation of the row-wise fixed pattern, e⁻.
     pub row_fpn_e: f64,
+}
+
+impl Noise {
+    /// Variance of the read noise at an analog gain, input-referred, e⁻².
+    pub fn read_variance_e2(&self, analog_gain: f64) -> f64 {
+        read_noise::variance(self.read_e, self.read_e_post, analog_gain)
+    }
 }
 
 impl SensorModel {

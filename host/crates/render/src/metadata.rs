@@ -149,8 +149,7 @@ fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let max_dn = f64::from((1u32 << sensor.bits) - 1);
     let dn_per_e = sensor.dn_per_e(gain);
     let range = max_dn - sensor.black_level_dn;
-    let post = sensor.noise.read_e_post.powi(2);
-    let read_e2 = sensor.noise.read_e.powi(2) - post + post / (gain * gain);
+    let read_e2 = sensor.noise.read_variance_e2(gain);
     let scale = dn_per_e / range;
     let offset = read_e2 * scale * scale + 1.0 / (12.0 * range * range);
     let shot = if sensor.kept_noise == KeptNoise::None { 0.0 } else { scale };

@@ -6,6 +6,7 @@
 use super::{Capture, Hdr};
 use crate::Camera;
 use camrig_base::{Error, Result};
+use camrig_sensor_core::effects::read_noise;
 
 /// The expected signal of a camera with several captures, in frames of one exposure and gain.
 /// Light is given as µ, the mean photo-electrons of the first capture.
@@ -98,10 +99,9 @@ impl<'a> Expected<'a> {
     fn own_e2(&self, i: usize) -> f64 {
         let capture = &self.hdr.captures[i];
         let gain = self.analog_gain * capture.gain_ratio;
-        let post = capture.read_e_post * capture.read_e_post;
         let dn_per_e = self.dn_per_e(i);
-        let read = capture.read_e * capture.read_e - post + post / (gain * gain);
-        read + 1.0 / (12.0 * dn_per_e * dn_per_e)
+        read_noise::variance(capture.read_e, capture.read_e_post, gain)
+            + 1.0 / (12.0 * dn_per_e * dn_per_e)
     }
 
     /// SNR of a capture alone; `None` where it saturates.

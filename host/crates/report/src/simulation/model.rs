@@ -28,10 +28,9 @@ pub(super) struct Noise {
 impl Noise {
     pub fn of(camera: &Camera, analog_gain: f64) -> Self {
         let noise = &camera.sensor.noise;
-        let post = noise.read_e_post * noise.read_e_post;
         let dn_per_e = dn_per_e(camera, analog_gain);
         Self {
-            read2: noise.read_e * noise.read_e - post + post / (analog_gain * analog_gain),
+            read2: noise.read_variance_e2(analog_gain),
             rounding2: 1.0 / (12.0 * dn_per_e * dn_per_e),
             shot: if camera.sensor.kept_noise == KeptNoise::None { 0.0 } else { 1.0 },
             prnu: noise.prnu,
