@@ -15,6 +15,8 @@ pub(crate) struct Corrections {
     pub labels: BTreeMap<usize, f64>,
     /// The step that all samples are multiples of, and are divided by.
     pub step: Option<Step>,
+    /// Code at which samples saturate, where it is below the white level of the manifest.
+    pub top_code: Option<u16>,
     /// A curve over the frames of all stacks. Frames keep it; a model must include it.
     pub curve: Option<FrameCurve>,
 }
@@ -38,8 +40,11 @@ impl Corrections {
     /// A set with its labels corrected, and bits and levels in units of the step.
     pub fn apply_to_set(&self, set: &CaptureSet) -> CaptureSet {
         let mut out = set.clone();
+        if let Some(top) = self.top_code {
+            out.sensor.white_level_dn = top;
+        }
         if let Some(step) = &self.step {
-            out.sensor = step.facts(&set.sensor);
+            out.sensor = step.facts(&out.sensor);
         }
         for (&index, &ratio) in &self.labels {
             if let Some(light) = &mut out.captures[index].light {

@@ -16,7 +16,7 @@ use super::processed::{self, Lags};
 use super::residuals::{FrameLevels, Residuals};
 use super::scan::{Scan, darks_and_flats};
 use super::transfer::Transfer;
-use super::{codes, copies, labels, temperature};
+use super::{codes, copies, labels, temperature, top_code};
 use camrig_base::{Plane, Result};
 use camrig_captures::{CaptureSet, Role};
 
@@ -60,6 +60,11 @@ pub fn inspect(set: &CaptureSet, options: &Options<'_>) -> Result<(Vec<Finding>,
         findings.push(codes::finding(set, &step));
         corrections.step = step.idle_bits().map(|_| step);
     }
+    corrections.top_code = top_code::of(set, &scans);
+    findings.extend(corrections.top_code.map(|top| top_code::finding(set, &scans, top)));
+    let mut set = set.clone();
+    set.sensor.white_level_dn = corrections.top_code.unwrap_or(set.sensor.white_level_dn);
+    let set = &set;
     let temperature = temperature::finding(set);
     if findings.iter().any(|f| f.done == Done::Refused) {
         findings.extend(temperature);

@@ -428,3 +428,22 @@ fn left_justified_samples_are_divided() {
         .unwrap();
     assert!((390..512).contains(&largest), "{largest}");
 }
+
+#[test]
+fn samples_that_pile_up_below_the_white_level_are_saturated() {
+    // A converter that ends at 2800 of 4095 DN: half of the brightest stack, at 3080 DN, or a few
+    // samples of a stack whose mean is two standard deviations below.
+    for (top, piled) in [(2800.0, true), (3156.0, true), (3300.0, false)] {
+        let mut clip = |dn: &mut [f64], _: usize| dn.iter_mut().for_each(|v| *v = v.min(top));
+        let found = findings_of(18, Hooks { codes: Some(&mut clip), ..Hooks::default() });
+        let tops: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::TopCode).collect();
+        assert_eq!(
+            tops.iter().map(|f| f.amount).collect::<Vec<_>>(),
+            match piled {
+                true => vec![Some(top)],
+                false => vec![],
+            }
+        );
+        assert!(piled || found.is_empty(), "{found:#?}");
+    }
+}

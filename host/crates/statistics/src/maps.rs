@@ -121,7 +121,7 @@ pub fn flats(design: &Design) -> Vec<usize> {
     best
 }
 
-/// Share of samples at the highest code.
+/// Share of samples at full scale.
 pub fn saturated(t: &Temporal) -> f64 {
     let top = t.histogram.last().copied().unwrap_or(0);
     f64::from(top) / (t.mean.data.len() * t.frames.max(1)) as f64

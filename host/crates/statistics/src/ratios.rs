@@ -144,7 +144,7 @@ mod tests {
     /// Four frames of 48x32 pixels whose channels have these means, with noise of `sd`.
     fn stack(camera: &Camera, levels: &[f64], sd: f64, rng: &mut Xoshiro256PlusPlus) -> Temporal {
         let pattern = camera.sensor.pattern();
-        let mut collector = Collector::new(48, 32, 12, false);
+        let mut collector = Collector::new(48, 32, 4095, false);
         let frames: Vec<Plane<u16>> = (0..4)
             .map(|_| {
                 let mut value = |i: usize| {
@@ -168,7 +168,7 @@ mod tests {
         // The first flat, the brightest, is not the reference.
         let lights = [[0.0; 4], white.map(|v| 2.0 * v), white, blue];
         let conditions = lights.iter().map(|l| flat(&l[..n])).collect();
-        let design = Design { conditions, targets: Vec::new() };
+        let design = Design { conditions, ..Design::default() };
         assert_eq!(reference_flat(&design), Some(2));
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
         let mut z = Vec::new();

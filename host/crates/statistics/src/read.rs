@@ -93,7 +93,7 @@ pub fn moments(
         .with_min_len(min_stacks_per_thread(design, s.width * s.height))
         .map(|c| {
             let c = &c.stack;
-            let mut collector = Collector::new(s.width, s.height, s.bits, planes);
+            let mut collector = Collector::new(s.width, s.height, design.white_level_dn, planes);
             let sizes = batches(c.frames);
             let (mut seen, mut held, mut next) = (0, Vec::new(), 0);
             set.for_each_batch(c.capture, |frames| {

@@ -49,7 +49,7 @@ pub struct Temporal {
     pub column_power: Vec<f64>,
     /// Covariance of the means of adjacent rows.
     pub row_lag: f64,
-    /// Number of samples of each code.
+    /// Number of samples of each code up to full scale.
     pub histogram: Vec<u32>,
     /// Two-dimensional power spectrum of pixel residuals, if requested.
     pub power: Option<Vec<f32>>,
@@ -115,6 +115,7 @@ pub struct Collector {
     t: Temporal,
     /// Sums over several batches; empty while there is one.
     sum: Vec<f64>,
+    full_scale_dn: u16,
     /// Number of samples of each code in four histograms, for every fourth column: as the same code
     /// often repeats along a row, this avoids reading a counter right after writing it.
     histogram: Vec<[u32; 4]>,
@@ -125,8 +126,10 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// For frames of this size; `plane` requests the two-dimensional power spectrum.
-    pub fn new(width: usize, height: usize, bits: u32, plane: bool) -> Self {
+    /// For frames of this size whose samples saturate at `full_scale_dn`: larger ones are read as
+    /// that, so that frames whose scale ends elsewhere can be compared. `plane` requests the
+    /// two-dimensional power spectrum.
+    pub fn new(width: usize, height: usize, full_scale_dn: u16, plane: bool) -> Self {
         let n = width * height;
         let t = Temporal {
             width,
@@ -151,7 +154,8 @@ impl Collector {
         Self {
             t,
             sum: Vec::new(),
-            histogram: vec![[0; 4]; 1 << bits],
+            full_scale_dn,
+            histogram: vec![[0; 4]; usize::from(full_scale_dn) + 1],
             rows: Spectrum::new(height),
             columns: Spectrum::new(width),
             plane: plane.then(|| Spectrum2::new(width, height)),
@@ -163,9 +167,9 @@ impl Collector {
     pub fn add(&mut self, frames: &[Plane<u16>]) {
         let (w, h) = (self.t.width, self.t.height);
         let n = frames.len();
-        let mut mean = vec![0.0f32; w * h];
+        let (mut mean, top) = (vec![0.0f32; w * h], self.full_scale_dn);
         for frame in frames {
-            mean.iter_mut().zip(&frame.data).for_each(|(m, &v)| *m += f32::from(v));
+            mean.iter_mut().zip(&frame.data).for_each(|(m, &v)| *m += f32::from(v.min(top)));
         }
         if self.t.frames > 0 {
             self.sum_first_batch();
@@ -205,18 +209,16 @@ impl Collector {
     #[inline(always)]
     fn frame(&mut self, frame: &Plane<u16>, batch: &Batch, out: &mut [f32]) {
         let t = &mut self.t;
-        let (w, h) = (t.width, t.height);
+        let (w, h, top) = (t.width, t.height, self.full_scale_dn);
         let mut row_means = vec![0.0f64; h];
         let mut column_sums = vec![0.0f32; w];
         let rows = frame.data.chunks(w).zip(batch.mean.chunks(w)).zip(out.chunks_mut(w));
         for (((codes, mean), out), row_mean) in rows.zip(&mut row_means) {
             for (x, &c) in codes.iter().enumerate() {
-                if let Some(bins) = self.histogram.get_mut(usize::from(c)) {
-                    bins[x % 4] += 1;
-                }
+                self.histogram[usize::from(c.min(top))][x % 4] += 1;
             }
             for (((o, &c), &m), s) in out.iter_mut().zip(codes).zip(mean).zip(&mut column_sums) {
-                *o = f32::from(c) - m;
+                *o = f32::from(c.min(top)) - m;
                 *s += *o;
             }
             *row_mean = lanes::sum(out) / w as f64;
@@ -331,7 +333,7 @@ mod tests {
             |k: usize| Plane::from_fn(w, h, |x, y| ((x * 31 + y * 17 + k * k) % 4093) as u16);
         let frames: Vec<Plane<u16>> = (0..37).map(frame).collect();
         for sizes in [vec![37], vec![13, 12, 12]] {
-            let mut collector = Collector::new(w, h, 12, false);
+            let mut collector = Collector::new(w, h, 4095, false);
             let mut rest = &frames[..];
             for n in sizes {
                 let (batch, later) = rest.split_at(n);
@@ -357,7 +359,7 @@ mod tests {
             let value = |i| if inside(i) { level(i) } else { wrong };
             Plane { width: w, height: h, data: (0..w * h).map(value).collect() }
         };
-        let mut collector = Collector::new(w, h, 12, false);
+        let mut collector = Collector::new(w, h, 4095, false);
         collector.add(&[frame(0), frame(400), frame(0), frame(400)]);
         let t = collector.finish().without_border(&pattern);
         let expected: Vec<f32> = (0..w * h).map(|i| f32::from(level(i))).collect();

@@ -359,7 +359,7 @@ mod tests {
     #[test]
     fn a_wave_between_bins_has_its_amplitude_beside_any_constant() {
         let (rows, cycles) = (200, 1.37 / 200.0);
-        let mut t = crate::statistics::temporal::Collector::new(4, rows, 8, false).finish();
+        let mut t = crate::statistics::temporal::Collector::new(4, rows, 255, false).finish();
         let phases = [0.2f64, 1.9, 4.4];
         t.row_means = phases
             .iter()

@@ -280,7 +280,7 @@ mod tests {
                     Plane { width: w, height: h, data: data.collect() }
                 })
                 .collect();
-            let mut collector = Collector::new(w, h, 10, true);
+            let mut collector = Collector::new(w, h, 1023, true);
             collector.add(&batch);
             let t = collector.finish();
             let power = Power::of(&t).unwrap();

@@ -52,14 +52,19 @@ pub fn simulate(
     let conditions = design.conditions.par_iter().with_min_len(least);
     let simulated = conditions.map(|c| {
         let config = sensor(camera, &c.stack, seed)?;
-        moments(&config, c, planes)
+        moments(&config, c, design.white_level_dn, planes)
     });
     simulated.collect()
 }
 
-fn moments(config: &SensorConfig, condition: &Condition, planes: bool) -> Result<Temporal> {
+fn moments(
+    config: &SensorConfig,
+    condition: &Condition,
+    full_scale_dn: u16,
+    planes: bool,
+) -> Result<Temporal> {
     let (w, h) = (config.width as usize, config.height as usize);
-    let mut collector = Collector::new(w, h, u32::from(config.bits), planes);
+    let mut collector = Collector::new(w, h, full_scale_dn, planes);
     let light = EvenLight::new(config, condition);
     let stack = &condition.stack;
     let simulated = |i: usize| frame(config, &light, stack, i);

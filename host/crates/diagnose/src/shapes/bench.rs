@@ -111,7 +111,8 @@ fn design() -> Design {
         even: true,
         wavelength_nm: Some(530.0),
     };
-    Design { conditions: PLAN.iter().enumerate().map(condition).collect(), targets: Vec::new() }
+    let conditions = PLAN.iter().enumerate().map(condition).collect();
+    Design { conditions, targets: Vec::new(), white_level_dn: 4095 }
 }
 
 /// A set in which something is hidden.
@@ -123,7 +124,7 @@ pub(crate) fn shoot(seed: u64, hidden: &Hidden<'_>) -> Bench {
         (0..WIDTH * HEIGHT).map(|_| 1.0 + PRNU * normal.sample(&mut rng)).collect();
     let read_e = hidden.read_e.unwrap_or(READ_E);
     let mut stack = |exposure_s: f64, photo_e: f64| {
-        let mut collector = Collector::new(WIDTH, HEIGHT, 12, true);
+        let mut collector = Collector::new(WIDTH, HEIGHT, 4095, true);
         let frames: Vec<Plane<u16>> = (0..FRAMES)
             .map(|_| {
                 let mut shot = Shot { rng: &mut rng, signal: photo_e, exposure_s };

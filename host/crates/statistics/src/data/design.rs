@@ -111,6 +111,8 @@ pub struct Design {
     pub conditions: Vec<Condition>,
     /// Stacks of targets, in the order of the manifest.
     pub targets: Vec<Target>,
+    /// Code at which samples saturate, DN, in captures and in what is simulated for them.
+    pub white_level_dn: u16,
 }
 
 /// A set divided into frames to fit and held-out frames.
@@ -134,8 +136,9 @@ pub fn divide(camera: &Camera, set: &CaptureSet, counts: &[usize]) -> Result<Hal
     check_sensor(camera, set)?;
     let numbers = first_numbers(counts)?;
     let mut notes = Vec::new();
-    let mut fit = Design::default();
-    let mut holdout = Design::default();
+    let white_level_dn = set.sensor.white_level_dn;
+    let mut fit = Design { white_level_dn, ..Design::default() };
+    let mut holdout = fit.clone();
     let by_manifest = set.captures.iter().any(|c| c.split.is_some());
     let short = if by_manifest { Vec::new() } else { alternate::stacks(set, counts) };
     notes.extend(alternate::note(set, &short));
