@@ -3,6 +3,7 @@
 
 use crate::arith::MAX_SIGNAL_E;
 use crate::effects::{Class, Domain, Effect, Entry, MAX_PARAMETERS, MAX_TABLE, Needs, Parameter};
+use crate::math;
 use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -87,8 +88,9 @@ pub struct SensorConfig {
     /// Which capture of a pixel it is; no part of the camera on the link, which carries one.
     #[serde(skip)]
     pub streams: Streams,
-    /// Tables of empirical effects, each as the number of its words, then the words
-    /// ([`empirical`](crate::effects::empirical)). On the link it follows the crosstalk table.
+    /// Tables of effects that have one ([`empirical`](crate::effects::empirical),
+    /// [`gain_table`](crate::effects::gain_table)), each as the number of its words, then the words.
+    /// On the link it follows the crosstalk table.
     #[serde(skip)]
     pub table: heapless::Vec<f32, MAX_TABLE>,
 }
@@ -122,6 +124,38 @@ pub struct FrameSettings {
     /// that of this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub previous_exposure_s: Option<f32>,
+}
+
+/// What a sensor is at one gain: [`SensorConfig::at_gain`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct AtGain {
+    /// The analogue part of the gain.
+    pub analog_gain: f32,
+    /// What codes are multiplied by.
+    pub digital_gain: f32,
+    /// DN of the converter per input-referred electron.
+    pub dn_per_e: f32,
+    /// DN of no signal.
+    pub black_level_dn: f32,
+    /// Read noise, e⁻, where a gain table gives it.
+    pub read_e: Option<f32>,
+    /// Charge that the node holds, e⁻, where a gain table gives it.
+    pub well_e: Option<f32>,
+}
+
+impl AtGain {
+    /// Most places of a gain table.
+    pub const MAX_PLACES: usize = 16;
+    /// Numbers of a place.
+    pub const PLACE: usize = 5;
+
+    /// The code after the digital gain.
+    pub(crate) fn multiplied(&self, dn: u16, max_dn: u16) -> u16 {
+        let black = self.black_level_dn;
+        let dn = (f32::from(dn) - black) * self.digital_gain + black;
+        math::round(dn.clamp(0.0, f32::from(max_dn))) as u16
+    }
 }
 
 /// Why a sensor, the settings of a frame or the memory for it were refused.
@@ -167,7 +201,7 @@ pub enum ConfigError {
         /// The effect just before it, which acts later in the signal chain.
         after: (&'static Entry, Domain),
     },
-    /// The table of an empirical effect is missing or not one of its shape, or its quantity has no
+    /// The table of an effect that has one is missing or not one of its shape, or its quantity has no
     /// such shape.
     Table {
         /// Position of the effect in [`SensorConfig::effects`], from 0.
@@ -223,8 +257,8 @@ impl fmt::Display for ConfigError {
             ),
             Self::Table { position } => write!(
                 f,
-                "effect {position} (empirical) has no table of its shape, or a shape that its \
-                 quantity does not have"
+                "effect {position} has no table of its form, or a shape that its quantity does \
+                 not have"
             ),
             Self::Windows { count } => write!(
                 f,
@@ -348,10 +382,14 @@ impl SensorConfig {
                     });
                 }
             }
-            #[cfg(feature = "empirical")]
-            if let Effect::Empirical(e) = effect
-                && !e.fits(&self.table)
-            {
+            let has_its_table = match effect {
+                #[cfg(feature = "empirical")]
+                Effect::Empirical(e) => e.fits(&self.table),
+                #[cfg(feature = "gain-table")]
+                Effect::GainTable(e) => e.fits(&self.table),
+                _ => true,
+            };
+            if !has_its_table {
                 return Err(ConfigError::Table { position });
             }
             let here = (entry, effect.domain());
@@ -379,10 +417,35 @@ impl SensorConfig {
         ((1u32 << self.bits.clamp(1, 16)) - 1) as u16
     }
 
-    /// DN per input-referred electron, G (2^bits − 1) / W (eq. 11: the step of the converter is
-    /// full well x conversion gain / (2^bits − 1) volts).
-    pub fn dn_per_e(&self, analog_gain: f32) -> f32 {
-        analog_gain * f32::from(self.max_dn()) / self.full_well_e
+    /// What the sensor is at a gain: its DN per electron is G (2^bits − 1) / W (eq. 11: the step of
+    /// the converter is full well x conversion gain / (2^bits − 1) volts), unless the chain has a
+    /// [`gain-table`](crate::effects::gain_table).
+    pub fn at_gain(&self, gain: f32) -> AtGain {
+        #[cfg_attr(not(feature = "gain-table"), allow(unused_mut, reason = "no table"))]
+        let (mut analog_gain, mut values) = (gain, [None; AtGain::PLACE - 1]);
+        #[cfg(feature = "gain-table")]
+        for effect in &self.effects {
+            if let Effect::GainTable(e) = effect {
+                analog_gain = gain.min(e.digital_above);
+                values = e.values_at(&self.table, analog_gain);
+            }
+        }
+        let [read_e, dn_per_e, black_level_dn, well_e] = values;
+        let in_proportion = analog_gain * f32::from(self.max_dn()) / self.full_well_e;
+        AtGain {
+            analog_gain,
+            digital_gain: gain / analog_gain,
+            dn_per_e: dn_per_e.unwrap_or(in_proportion),
+            black_level_dn: black_level_dn.unwrap_or(self.black_level_dn),
+            read_e,
+            well_e,
+        }
+    }
+
+    /// DN per input-referred electron at a gain, its digital part included.
+    pub fn dn_per_e(&self, gain: f32) -> f32 {
+        let at = self.at_gain(gain);
+        at.dn_per_e * at.digital_gain
     }
 }
 

@@ -10,8 +10,8 @@
 //! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, domain, class,
 //! parameters with units and ranges) and its [`Stage`]; one line in the `catalogue!` below; one
 //! feature in `Cargo.toml`; one test. Numbers in the catalogue name random streams and travel over
-//! the rig's link, and so do the parameters by their order: neither ever changes. An effect that
-//! needs another parameter is a new effect.
+//! the rig's link, and so do the parameters by their order: neither ever changes. Another parameter
+//! comes last, with a default that leaves the effect what it was: older hosts do not send it.
 //!
 //! # Leaving effects out
 //! The base model, effects 1 to 7, is always compiled: eq. 10 of Chen et al. 2009 and the coupling
@@ -26,6 +26,7 @@ pub(crate) use context::beside;
 pub(crate) use declare::{catalogue, effect};
 
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
+use crate::config::AtGain;
 use crate::stream::{LANES, Lanes};
 use core::fmt;
 
@@ -178,9 +179,23 @@ pub struct Entry {
 /// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 9;
 
-/// Words (f32) of the tables of all empirical effects of a sensor: 4 KiB; none in a build without
-/// them.
-pub const MAX_TABLE: usize = if cfg!(feature = "empirical") { 1024 } else { 0 };
+/// Words (f32) of the tables of all effects of a sensor that have one: 4 KiB; in a build without
+/// empirical effects those of one gain table, or none.
+pub const MAX_TABLE: usize = if cfg!(feature = "empirical") {
+    1024
+} else if cfg!(feature = "gain-table") {
+    1 + AtGain::PLACE * AtGain::MAX_PLACES
+} else {
+    0
+};
+
+/// The words of a sensor's table that begin at `start` with their number.
+#[cfg(any(feature = "empirical", feature = "gain-table"))]
+fn own_table(table: &[f32], start: f32) -> &[f32] {
+    let from = table.get(start as usize..).unwrap_or(&[]);
+    let Some((count, rest)) = from.split_first() else { return &[] };
+    rest.get(..*count as usize).unwrap_or(&[])
+}
 
 /// A text of the catalogue with the feature `texts`, else an empty one.
 const fn text(text: &'static str) -> &'static str {
@@ -239,6 +254,7 @@ catalogue! {
     49 => prnu_correlated::PrnuCorrelated if "prnu-correlated",
     50 => empirical::Empirical if "empirical",
     51 => gain_stage::GainStage if "gain-stage",
+    52 => gain_table::GainTable if "gain-table",
 }
 
 impl Effect {

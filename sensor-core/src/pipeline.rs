@@ -240,6 +240,7 @@ fn of_level(chain: &[Link], level: usize) -> impl Iterator<Item = (usize, &Link)
 
 /// What the stages of a frame know before its first row.
 fn context<'a>(config: &'a SensorConfig, settings: &FrameSettings, chain: &[Link]) -> Context<'a> {
+    let at_gain = config.at_gain(settings.analog_gain);
     let mut cx = Context {
         width: config.width,
         height: config.height,
@@ -248,12 +249,13 @@ fn context<'a>(config: &'a SensorConfig, settings: &FrameSettings, chain: &[Link
         exposure_s: settings.exposure_s,
         nominal_exposure_s: settings.exposure_s,
         temperature_c: settings.temperature_c,
-        analog_gain: settings.analog_gain,
-        dn_per_e: config.dn_per_e(settings.analog_gain),
+        analog_gain: at_gain.analog_gain,
+        dn_per_e: at_gain.dn_per_e,
+        at_gain,
         passed_gain: 1.0,
         full_well_e: config.full_well_e,
         full_scale_e: config.full_well_e,
-        black_level_dn: config.black_level_dn,
+        black_level_dn: at_gain.black_level_dn,
         max_dn: config.max_dn(),
         pattern: &config.pattern,
         #[cfg(feature = "empirical")]
@@ -314,7 +316,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             chain.push(link).map_err(|_| ConfigError::Memory)?;
             #[cfg(feature = "gain-stage")]
             if let Effect::GainStage(stage) = effect {
-                passed_gain *= stage.factor(settings.analog_gain);
+                passed_gain *= stage.factor(config.at_gain(settings.analog_gain).analog_gain);
             }
         }
         let len = blocks(config.width as usize);
@@ -389,10 +391,13 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             }
         }
         let gain = now.cx.dn_per_e_here();
-        let (black, max) = (config.black_level_dn, config.max_dn());
+        let (at_gain, max) = (now.cx.at_gain, config.max_dn());
         for (block, out) in now.row.iter().zip(out.chunks_mut(BLOCK)) {
             let mut dn = [0; BLOCK];
-            A::digitise(block, gain, black, max, &mut dn);
+            A::digitise(block, gain, at_gain.black_level_dn, max, &mut dn);
+            if at_gain.digital_gain != 1.0 {
+                dn = dn.map(|dn| at_gain.multiplied(dn, max));
+            }
             match out.first_chunk_mut::<BLOCK>() {
                 Some(whole) => *whole = dn,
                 None => out.iter_mut().zip(dn).for_each(|(o, d)| *o = d),

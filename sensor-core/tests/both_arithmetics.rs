@@ -60,6 +60,10 @@ fn they_agree_over_the_ranges_of_their_parameters() {
                 chosen.push(effect);
             }
         }
+        let has_table = next() < 0.3;
+        if has_table {
+            chosen.push(gain_table::GainTable { digital_above: 1e6, start: 0.0 }.into());
+        }
         chosen.sort_by_key(Effect::domain);
         let gain = |e: &Effect| match e {
             Effect::SystemGain(e) => f64::from(e.ratio),
@@ -70,6 +74,17 @@ fn they_agree_over_the_ranges_of_their_parameters() {
         config.bits = 8 + (8.99 * next()) as u8;
         config.black_level_dn = (next() * f64::from(config.max_dn()) * 0.2) as f32;
         let analog_gain = 16f64.powf(somewhere(&mut next));
+        if has_table {
+            // At gains 1, 4 with a step, and 16; the scale within its limit.
+            let top = f64::from(config.max_dn());
+            let scale = MAX_DN_PER_E / system_gain.max(1.0);
+            let place = |gain| {
+                let black = 0.2 * top * next();
+                [gain, 1.0, scale * next().max(1e-3), black, 524_287f64.powf(somewhere(&mut next))]
+            };
+            let words = [1.0, 4.0, 4.0, 16.0].map(place).concat();
+            config.table = [20.0].into_iter().chain(words).map(|w| w as f32).collect();
+        }
         let most = f64::from(config.max_dn()) * analog_gain * system_gain.max(1.0);
         let least = (most / MAX_DN_PER_E).clamp(1.0, 524_287.0);
         config.full_well_e = (least * (524_287.0 / least).powf(somewhere(&mut next))) as f32;

@@ -80,7 +80,17 @@ fn what_is_no_effect_is_refused() {
         for v in [f32::NAN, f32::INFINITY, first.min - 1.0, first.max * 1.01 + 1.0] {
             assert_eq!(with(v), None, "{} of {} = {v}", first.key, entry.kind);
         }
-        assert_eq!(Effect::new(entry.id, &[]), None, "values of {} are missing", entry.kind);
+        // The last parameters may be missing where they have a default.
+        let needed = entry.parameters.iter().rposition(|p| p.default.is_none());
+        let values: Vec<f32> =
+            entry.parameters.iter().map(|p| p.default.unwrap_or(p.min)).collect();
+        let shortest = needed.map_or(0, |last| last + 1);
+        let whole = Effect::new(entry.id, &values);
+        assert_eq!(Effect::new(entry.id, &values[..shortest]), whole, "{}", entry.kind);
+        if let Some(last) = needed {
+            assert_eq!(Effect::new(entry.id, &values[..last]), None, "{}", entry.kind);
+        }
+        assert_eq!(Effect::new(entry.id, &[values, vec![0.0]].concat()), None, "{}", entry.kind);
     }
     // Number 2 with a value out of range, as a device might get it.
     let bytes = postcard::to_allocvec(&(2u8, vec![9.0f32])).unwrap();

@@ -15,7 +15,7 @@ use common::*;
 const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
 
 in_both_arithmetics! {
-    column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
+    noise_follows_a_power_of_the_gain column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
     random_telegraph_noise heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
     what_lags_is_charge_that_was_held crosstalk_of_the_frame_before_lags
     less_light_has_its_own_shot_noise much_light_has_the_law_of_poisson
@@ -36,7 +36,7 @@ fn column_temporal_noise<A: Arith>() {
     let config = monochrome(
         4096,
         2,
-        &[column_temporal_noise::ColumnTemporalNoise { sigma_e: 20.0 }.into()],
+        &[column_temporal_noise::ColumnTemporalNoise { sigma_e: 20.0, gain_exponent: 0.0 }.into()],
     );
     let (a, b) = (flat::<A>(&config, &at(0), 0.0), flat::<A>(&config, &at(1), 0.0));
     let (first, second) = a.split_at(4096);
@@ -45,10 +45,41 @@ fn column_temporal_noise<A: Arith>() {
     near("frames are independent", correlation(first, &b[..4096]), 0.0, 4096f64.powf(-0.5));
 }
 
+/// σ G^p: at gain 4, the same frame with p has σ 4^p times as large.
+fn noise_follows_a_power_of_the_gain<A: Arith>() {
+    let kinds = [
+        "row-temporal-noise",
+        "column-temporal-noise",
+        "row-correlated-noise",
+        "periodic-pattern-noise",
+        "heavy-tailed-read-noise",
+        "frame-offset-noise",
+    ];
+    for kind in kinds {
+        let entry = Effect::CATALOGUE.iter().find(|e| e.kind == kind).unwrap();
+        let of = |amplitude_e: f32, p: f32| {
+            let mut values: Vec<f32> =
+                entry.parameters.iter().map(|p| p.default.unwrap_or(0.1)).collect();
+            (values[0], values[entry.parameters.len() - 1]) = (amplitude_e, p);
+            let effect = Effect::new(entry.id, &values).unwrap();
+            flat::<A>(&monochrome(64, 32, &[effect]), &SETTINGS.with_gain(4.0), 0.0)
+        };
+        for p in [-1.0f32, -0.4, 1.0] {
+            let right = of(6.0 * 4f32.powf(p), 0.0);
+            let far =
+                of(6.0, p).iter().zip(&right).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(far <= 1.0 / DN_PER_E / 4.0, "{kind}, exponent {p}: {far} e- off");
+        }
+    }
+}
+
 fn row_correlated_noise<A: Arith>() {
     for exponent in [0.5f64, 1.0, 1.6] {
-        let effect =
-            row_correlated_noise::RowCorrelatedNoise { sigma_e: 30.0, exponent: exponent as f32 };
+        let effect = row_correlated_noise::RowCorrelatedNoise {
+            sigma_e: 30.0,
+            exponent: exponent as f32,
+            gain_exponent: 0.0,
+        };
         let config = monochrome(4, 4096, &[effect.into()]);
         let frames: Vec<Vec<f64>> =
             (0..24).map(|f| row_means(&flat::<A>(&config, &at(f), 0.0), 4)).collect();
@@ -90,6 +121,7 @@ fn periodic_pattern_noise<A: Arith>() {
         amplitude_e: 40.0,
         cycles_per_column: 37.0 / 256.0,
         cycles_per_row: -11.0 / 64.0,
+        gain_exponent: 0.0,
     };
     let config = monochrome(256, 64, &[effect.into()]);
     let phase = |frame| {
@@ -171,8 +203,11 @@ fn random_telegraph_noise<A: Arith>() {
 
 fn heavy_tailed_read_noise<A: Arith>() {
     for lambda in [-0.2f64, 0.0, 0.14] {
-        let effect =
-            heavy_tailed_read_noise::HeavyTailedReadNoise { sigma_e: 50.0, lambda: lambda as f32 };
+        let effect = heavy_tailed_read_noise::HeavyTailedReadNoise {
+            sigma_e: 50.0,
+            lambda: lambda as f32,
+            gain_exponent: 0.0,
+        };
         let config = monochrome(512, 256, &[effect.into()]);
         let v = flat::<A>(&config, &at(0), 0.0);
         let quantile = |u: f64| {
@@ -210,8 +245,11 @@ fn reset_noise<A: Arith>() {
 
 fn frame_offset_noise<A: Arith>() {
     for phi in [0.0f64, 0.8] {
-        let effect =
-            frame_offset_noise::FrameOffsetNoise { sigma_e: 25.0, correlation: phi as f32 };
+        let effect = frame_offset_noise::FrameOffsetNoise {
+            sigma_e: 25.0,
+            correlation: phi as f32,
+            gain_exponent: 0.0,
+        };
         let config = monochrome(2, 2, &[effect.into()]);
         let n = 4000;
         let o: Vec<f64> = (0..n)

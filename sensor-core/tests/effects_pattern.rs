@@ -16,7 +16,7 @@ const HALF: f64 = 0.5 / DN_PER_E + 0.005;
 in_both_arithmetics! {
     full_well nonlinearity companding black_sun blooming offset_clipping exposure_offset
     readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
-    prnu_low_frequency prnu_correlated black_level_offset gain_stage green_imbalance pdaf_pattern
+    prnu_low_frequency prnu_correlated black_level_offset gain_stage gain_table green_imbalance pdaf_pattern
     colour_shading
     relative_illumination fringing adc_nonlinearity defective_pixels hot_pixels column_offset_fpn
     light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
@@ -266,6 +266,63 @@ fn gain_stage<A: Arith>() {
     };
     assert_eq!(at_gain(read.into(), 1.0), at_gain(read.into(), 4.0));
     assert_eq!(at_gain(stuck.into(), 4.0)[0], BLACK + (0.25 * 65_535.0f64).round_ties_even());
+}
+
+/// Two conversion gains, the second from gain 4 on, and a digital gain above 8: at the places, in
+/// the middle of two and beyond them. Read noise of the chain's own is replaced.
+fn gain_table<A: Arith>() {
+    let read = read_noise::ReadNoise { read_e: 99.0, read_e_post: 0.0 };
+    let table = gain_table::GainTable { digital_above: 8.0, start: 0.0 };
+    let mut config = monochrome(16_384, 1, &[table.into(), read.into()]);
+    #[rustfmt::skip]
+    let words = [
+        20.0,
+        1.0, 6.0,  8.0, 2048.0, 5000.0,
+        4.0, 3.0, 32.0, 1024.0, 5000.0,
+        4.0, 1.5, 40.0,  500.0, 1200.0,
+        8.0, 1.0, 80.0,    0.0, 1200.0,
+    ];
+    config.table = words.into_iter().collect();
+    // Gain; read noise, e⁻; DN per electron; black level, DN; step of the codes, DN.
+    for (gain, read_e, dn_per_e, black, step) in [
+        (0.5, 6.0, 8.0, 2048.0, 1.0),
+        (1.0, 6.0, 8.0, 2048.0, 1.0),
+        (2.0, 18f64.sqrt(), 16.0, 2048.0 / 2f64.sqrt(), 1.0),
+        (4.0, 1.5, 40.0, 500.0, 1.0),
+        (4.0 * 2f64.sqrt(), 1.5f64.sqrt(), 40.0 * 2f64.sqrt(), 250.0, 1.0),
+        (8.0, 1.0, 80.0, 0.0, 1.0),
+        (24.0, 1.0, 240.0, 0.0, 3.0),
+    ] {
+        let settings = SETTINGS.with_gain(gain as f32);
+        let dn = frame::<A>(&config, &settings, &mut Means(|_, _| 100.0));
+        let e: Vec<f64> = dn.iter().map(|&d| (f64::from(d) - black) / dn_per_e).collect();
+        let rounding = step * step / (12.0 * dn_per_e * dn_per_e);
+        near("mean", mean(&e), 100.0, read_e / 128.0);
+        near_variance("read noise", variance(&e), read_e * read_e + rounding, 16_384, 0.0);
+        if step > 1.0 {
+            assert!(dn.iter().all(|&d| (f64::from(d) - black) % step == 0.0), "gain {gain}");
+        }
+    }
+    // Full: of the first conversion gain the well, of the second the node, with digital gain the
+    // converter.
+    config.effects.retain(|e| !matches!(e, Effect::ReadNoise(_)));
+    for (gain, dn) in [(1.0, 2048 + 8 * 5000), (4.0, 500 + 40 * 1200), (24.0, 65_535)] {
+        let full = frame::<A>(&config, &SETTINGS.with_gain(gain), &mut Means(|_, _| 2e5));
+        assert_eq!(full[0], dn, "gain {gain}");
+    }
+    // What is below 0 is as without the table, in proportion.
+    config.table = [5.0, 1.0, -1.0, -1.0, -1.0, -1.0].into_iter().collect();
+    let same = monochrome(16_384, 1, &[read.into()]);
+    config.effects.push(read.into()).unwrap();
+    let settings = SETTINGS.with_gain(3.0);
+    let of = |config: &SensorConfig| frame::<A>(config, &settings, &mut Means(|_, _| 100.0));
+    assert_eq!(of(&config), of(&same));
+    // Tables that are none.
+    let falling = [10.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
+    for words in [&[] as &[f32], &[4.0, 1.0, 1.0, 1.0, 1.0], &falling] {
+        config.table = words.iter().copied().collect();
+        assert!(config.check().is_err(), "{words:?}");
+    }
 }
 
 fn black_level_offset<A: Arith>() {

@@ -273,7 +273,7 @@ fn tables_that_are_none_are_refused() {
         assert_eq!(bad.check(), Err(ConfigError::Table { position: 0 }), "{start}");
     }
     let said = ConfigError::Table { position: 3 }.to_string();
-    assert!(said.contains("effect 3 (empirical)"), "{said}");
+    assert!(said.contains("effect 3 has no table of its form"), "{said}");
 }
 
 #[test]

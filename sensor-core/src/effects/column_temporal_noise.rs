@@ -13,6 +13,9 @@ effect! {
     ColumnTemporalNoise, "column-temporal-noise", Voltage, Temporal, Pixel {
         /// Standard deviation over frames of a column's offset
         sigma_e: "e-", 0.0..=1e5;
+        /// Power p of the analogue gain to which it is proportional, σ G^p: 0 before the gain, −1
+        /// behind it
+        gain_exponent: "1", -2.0..=2.0, default 0.0;
     }
 }
 
@@ -24,6 +27,7 @@ impl Stage for ColumnTemporalNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        super::add_normals::<A>(row, self.sigma_e, cx.per_column_and_frame(0));
+        let sigma_e = self.sigma_e * cx.power_of_gain(self.gain_exponent);
+        super::add_normals::<A>(row, sigma_e, cx.per_column_and_frame(0));
     }
 }

@@ -1,7 +1,7 @@
 //! What a stage knows of the row that it works on, and its random streams.
 
 use crate::arith::{BLOCK, Counts};
-use crate::config::Pattern;
+use crate::config::{AtGain, Pattern};
 use crate::math;
 use crate::stream::{Key, Lanes};
 use rand_core::Rng;
@@ -27,6 +27,8 @@ pub struct Context<'a> {
     pub analog_gain: f32,
     /// DN per input-referred electron at this gain.
     pub dn_per_e: f32,
+    /// What the sensor is at the frame's gain.
+    pub at_gain: AtGain,
     /// Gain that the signal has had before this stage, of `analog_gain`: see the effect
     /// `gain-stage`. Without it, all gain is at the converter.
     pub passed_gain: f32,
@@ -41,7 +43,7 @@ pub struct Context<'a> {
     pub max_dn: u16,
     /// Colour filter pattern.
     pub pattern: &'a Pattern,
-    /// Tables of the sensor's empirical effects.
+    /// Tables of the sensor's effects.
     #[cfg(feature = "empirical")]
     pub(crate) table: &'a [f32],
     /// Spread of read noise over pixels (σ of its logarithm), and the root of its streams.
@@ -97,6 +99,11 @@ impl Context<'_> {
     /// Analogue gain between this stage and the converter.
     pub fn gain_to_come(&self) -> f32 {
         self.analog_gain / self.passed_gain
+    }
+
+    /// The factor on noise that is proportional to a power of the gain.
+    pub(crate) fn power_of_gain(&self, exponent: f32) -> f32 {
+        if exponent == 0.0 { 1.0 } else { math::pow(self.gain_to_come(), exponent) }
     }
 
     fn stream(&self, part: u32, over: Over) -> Key {

@@ -56,11 +56,14 @@ macro_rules! effect {
                 )*],
             };
 
-            /// The effect with its parameters in the order of the entry.
+            /// The effect with its parameters in the order of the entry; those that are missing have
+            /// their defaults.
             #[allow(unused_mut, unused_variables)]
             pub fn from_values(values: &[f32]) -> Self {
                 let mut values = values.iter().copied();
-                Self { $($key: values.next().unwrap_or(0.0),)* }
+                Self {
+                    $($key: values.next().or(effect!(@default $($default)?)).unwrap_or(0.0),)*
+                }
             }
 
             /// The parameters in the order of the entry.
@@ -116,10 +119,12 @@ macro_rules! catalogue {
             }
 
             /// The effect with this number and these values, in the order and units of its entry's
-            /// parameters. `None` if it is not compiled in, or a value is missing or out of range.
+            /// parameters, where the last may be left out that have defaults. `None` if it is not
+            /// compiled in, or a value is missing or out of range.
             pub fn new(id: u8, values: &[f32]) -> Option<Self> {
                 let entry = Self::CATALOGUE.iter().find(|e| e.id == id)?;
-                let fits = values.len() == entry.parameters.len()
+                let rest = entry.parameters.get(values.len()..)?;
+                let fits = rest.iter().all(|p| p.default.is_some())
                     && values.iter().zip(entry.parameters).all(|(v, p)| p.accepts(*v));
                 match id {
                     $(

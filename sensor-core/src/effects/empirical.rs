@@ -7,7 +7,7 @@ mod line_noise;
 mod response;
 mod since_start;
 
-use super::{Class, Context, Domain, Inputs, MAX_TABLE, Stage, effect};
+use super::{Class, Context, Domain, Inputs, MAX_TABLE, Stage, effect, own_table};
 use crate::arith::{Arith, BLOCK, Block};
 use crate::effects::dark_current::growth;
 use crate::math;
@@ -149,13 +149,6 @@ impl Shape {
     }
 }
 
-/// The words of an effect that begin at a place of a table; empty where it has none.
-fn words(table: &[f32], start: f32) -> &[f32] {
-    let from = table.get(start as usize..).unwrap_or(&[]);
-    let Some((count, rest)) = from.split_first() else { return &[] };
-    rest.get(..*count as usize).unwrap_or(&[])
-}
-
 impl Empirical {
     /// What it changes.
     pub const fn quantity(&self) -> Quantity {
@@ -207,7 +200,7 @@ impl Empirical {
 
     /// Whether its table, in that of the sensor, is one that its shape has.
     pub(crate) fn fits(&self, table: &[f32]) -> bool {
-        let words = words(table, self.start);
+        let words = own_table(table, self.start);
         let tells = match self.shape() {
             Shape::RowFlat | Shape::ColumnFlat => true,
             Shape::RowProfile | Shape::ColumnProfile | Shape::Distribution => {
@@ -230,7 +223,7 @@ impl Stage for Empirical {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let words = words(cx.table, self.start);
+        let words = own_table(cx.table, self.start);
         match (self.quantity(), self.shape()) {
             (Quantity::Temporal, Shape::Correlation) => {
                 correlation::add::<A>(cx, row, self.amount, words);

@@ -17,6 +17,9 @@ effect! {
         sigma_e: "e-", 0.0..=1e5;
         /// Correlation φ of one frame with the next
         correlation: "1", 0.0..=0.95, default 0.0;
+        /// Power p of the analogue gain to which it is proportional, σ G^p: 0 before the gain, −1
+        /// behind it
+        gain_exponent: "1", -2.0..=2.0, default 0.0;
     }
 }
 
@@ -39,6 +42,7 @@ impl Stage for FrameOffsetNoise {
             weight *= self.correlation;
             frame = frame.wrapping_sub(1);
         }
-        super::add_offset::<A>(row, self.sigma_e * sum * math::rsqrt(total));
+        let sigma_e = self.sigma_e * cx.power_of_gain(self.gain_exponent);
+        super::add_offset::<A>(row, sigma_e * sum * math::rsqrt(total));
     }
 }

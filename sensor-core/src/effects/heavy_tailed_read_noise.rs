@@ -17,6 +17,9 @@ effect! {
         sigma_e: "e-", 0.0..=1e5;
         /// Shape λ
         lambda: "1", -0.22..=0.3, default -0.1;
+        /// Power p of the analogue gain to which it is proportional, σ G^p: 0 before the gain, −1
+        /// behind it
+        gain_exponent: "1", -2.0..=2.0, default 0.0;
     }
 }
 
@@ -48,7 +51,8 @@ impl Stage for HeavyTailedReadNoise {
     ) {
         let lambda = self.lambda;
         let logistic = lambda.abs() < LOGISTIC_BELOW as f32;
-        let scale = self.sigma_e * math::rsqrt(self.variance());
+        let sigma_e = self.sigma_e * cx.power_of_gain(self.gain_exponent);
+        let scale = sigma_e * math::rsqrt(self.variance());
         let mut lanes = cx.per_pixel_and_frame(0);
         for block in row {
             let words = super::words(&mut lanes);

@@ -18,6 +18,9 @@ effect! {
         cycles_per_column: "1/px", -0.5..=0.5;
         /// Frequency along a column
         cycles_per_row: "1/px", -0.5..=0.5;
+        /// Power p of the analogue gain to which it is proportional, σ G^p: 0 before the gain, −1
+        /// behind it
+        gain_exponent: "1", -2.0..=2.0, default 0.0;
     }
 }
 
@@ -34,7 +37,7 @@ impl Stage for PeriodicPatternNoise {
         let start = cx.per_frame(0, cx.frame).next_u32();
         let mut turns = start.wrapping_add(step(self.cycles_per_row).wrapping_mul(cx.row));
         let by_column = step(self.cycles_per_column);
-        let amplitude = A::signal(self.amplitude_e);
+        let amplitude = A::signal(self.amplitude_e * cx.power_of_gain(self.gain_exponent));
         for v in row.as_flattened_mut() {
             *v = A::add(*v, A::scale(amplitude, A::factor(math::sin_cos_turns(turns).0)));
             turns = turns.wrapping_add(by_column);

@@ -12,7 +12,8 @@ effect! {
     /// v += z √(r² − r_post² + (r_post/G)²), with z standard normal, r the total at unity gain,
     /// r_post the part after the gain stage and G the analogue gain. Input-referred. N_read of eq.
     /// 10 of Chen et al. 2009 (white part, which falls as the analogue gain rises). For a
-    /// different value in each pixel see the effect `read-noise-spread`.
+    /// different value in each pixel see the effect `read-noise-spread`; a `gain-table` may give it
+    /// gain by gain.
     ReadNoise, "read-noise", Voltage, Temporal, Pixel {
         /// Standard deviation at unity gain
         read_e: "e-", 0.0..=1e5;
@@ -42,7 +43,10 @@ impl Stage for ReadNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let sigma_e = math::sqrt(variance(self.read_e, self.read_e_post, cx.gain_to_come()));
+        let sigma_e = match cx.at_gain.read_e {
+            Some(read_e) => read_e * cx.passed_gain,
+            None => math::sqrt(variance(self.read_e, self.read_e_post, cx.gain_to_come())),
+        };
         #[cfg(feature = "read-noise-spread")]
         if let Some((spread, key)) = cx.read_noise_spread {
             return super::read_noise_spread::add::<A>(cx, key, spread, sigma_e, row);

@@ -13,6 +13,9 @@ effect! {
     RowTemporalNoise, "row-temporal-noise", Voltage, Temporal, Pixel {
         /// Standard deviation over frames of a row's offset
         sigma_e: "e-", 0.0..=1e5;
+        /// Power p of the analogue gain to which it is proportional, σ G^p: 0 before the gain, −1
+        /// behind it
+        gain_exponent: "1", -2.0..=2.0, default 0.0;
     }
 }
 
@@ -25,6 +28,6 @@ impl Stage for RowTemporalNoise {
         row: &mut [Block<A::Signal>],
     ) {
         let z = normal(&mut cx.per_row_and_frame(0, cx.row));
-        super::add_offset::<A>(row, self.sigma_e * z);
+        super::add_offset::<A>(row, self.sigma_e * cx.power_of_gain(self.gain_exponent) * z);
     }
 }

@@ -26,9 +26,9 @@ pub fn monochrome(width: u32, height: u32, effects: &[Effect]) -> SensorConfig {
     config
 }
 
-/// The effects that their parameters alone describe: all but the empirical one, which has a table.
+/// The effects that their parameters alone describe: all but those with a table.
 pub fn catalogue() -> impl Iterator<Item = &'static Entry> {
-    Effect::CATALOGUE.iter().filter(|e| e.kind != "empirical")
+    Effect::CATALOGUE.iter().filter(|e| !["empirical", "gain-table"].contains(&e.kind))
 }
 
 /// A Bayer sensor with the same converter.

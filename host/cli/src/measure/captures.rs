@@ -89,6 +89,9 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
             for g in &gains.gains {
                 print_figures(&format!("analog gain {}", g.analog_gain), g)?;
             }
+            if let Some(note) = &gains.note {
+                eprintln!("note: {note}");
+            }
             println!("over the gains");
             for (name, v) in [("read_e", gains.read_e), ("read_e_post", gains.read_e_post)] {
                 let text = v.map_or("not determined by these captures".to_owned(), plus_minus);

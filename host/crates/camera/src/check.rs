@@ -8,8 +8,8 @@ use super::hdr::{self, EffectOn, Hdr};
 use super::named_files::{FileName, FractionOrFile};
 use super::prescription;
 use super::{
-    Camera, CrosstalkTable, Folder, KeptNoise, LensKind, LensModel, Noise, RelativeIllumination,
-    SensorModel, SensorTiming, csv_reader,
+    Camera, CrosstalkTable, Folder, Gains, KeptNoise, LensKind, LensModel, Noise,
+    RelativeIllumination, SensorModel, SensorTiming, csv_reader,
 };
 use camrig_base::table::{SpectralTable, Wanted};
 use camrig_base::toml_text::{line_of, place_of_key as place};
@@ -182,6 +182,12 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
             .at(place("black_level_dn"))
             .help(format!("use 0 to {} DN: the converter ends at {top}", top - 1.0)));
     }
+    let gains = file.gains.map(|gains| Gains::new(gains, top)).transpose();
+    let gains = gains.map_err(|e| e.at("[sensor.gains]"))?;
+    if gains.is_some() && file.hdr.is_some() {
+        return Err(Error::input("[sensor.gains] beside [sensor.hdr]")
+            .help("remove [sensor.gains]: each capture has its own gain and noise"));
+    }
     Ok(SensorModel {
         width: file.width,
         height: file.height,
@@ -202,6 +208,7 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
         seed: file.seed,
         timing: file.timing.map(|timing| sensor_timing(&timing, file.height)),
         noise: noise(&file.noise, text)?,
+        gains,
         hdr: file.hdr.as_ref().map(|hdr| hdr::hdr(hdr, folder)).transpose()?,
         streams: Default::default(),
         kept_noise: KeptNoise::default(),

@@ -4,6 +4,7 @@ use super::empirical::{self, Word};
 use super::optical::OpticalEffect;
 use super::parameter::number;
 use camrig_base::{Error, Result, toml_text};
+use camrig_sensor_core::effects::gain_table::GainTable;
 use camrig_sensor_core::effects::{Effect, Parameter};
 use serde::Deserialize;
 
@@ -79,7 +80,9 @@ impl EffectKind {
             parameters: e.parameters,
             words: &[],
         });
-        let sensor = Effect::CATALOGUE.iter().map(|e| Self {
+        // A gain table is `[sensor.gains]`.
+        let listed = Effect::CATALOGUE.iter().filter(|e| e.kind != GainTable::ENTRY.kind);
+        let sensor = listed.map(|e| Self {
             kind: e.kind,
             number: Some(e.id),
             acts: e.domain.name(),

@@ -265,9 +265,10 @@ impl File<'_> {
 }
 
 impl Camera {
-    /// The tables of all empirical effects, as the sensor takes them.
+    /// The tables of the gains and of all empirical effects, as the sensor takes them.
     pub fn table(&self) -> Vec<f32> {
-        self.empirical.iter().flat_map(|e| e.words(self.first_frame)).collect()
+        let gains = self.sensor.gains.iter().flat_map(super::Gains::words);
+        gains.chain(self.empirical.iter().flat_map(|e| e.words(self.first_frame))).collect()
     }
 
     /// Adds an empirical effect's table to the camera, and returns its stage for
@@ -280,7 +281,7 @@ impl Camera {
         let stage = effect.stage(start);
         let words = start + effect.words(0).len();
         if words > MAX_TABLE {
-            let error = Error::limit(format!("tables of empirical effects with {words} numbers"));
+            let error = Error::limit(format!("tables of effects with {words} numbers"));
             return Err(error.help(format!("use {MAX_TABLE} in all: fewer knots or effects")));
         }
         self.empirical.push(effect);
@@ -295,7 +296,7 @@ impl Camera {
     /// What a stage of the chain was made of, if it is an empirical one.
     pub fn empirical_of(&self, stage: &Effect) -> Option<&Empirical> {
         let Effect::Empirical(e) = stage else { return None };
-        let mut start = 0;
+        let mut start = self.sensor.gains.as_ref().map_or(0, |gains| gains.words().len());
         self.empirical.iter().find(|own| {
             let here = start == e.start as usize;
             start += own.words(0).len();

@@ -240,6 +240,7 @@ pub struct SensorFile {
     pub seed: u64,
     pub timing: Option<TimingFile>,
     pub noise: NoiseFile,
+    pub gains: Option<GainsFile>,
     pub hdr: Option<HdrFile>,
 }
 
@@ -316,6 +317,33 @@ pub struct NoiseFile {
     #[schemars(range(min = 0.0, max = 1e5), extend("unit" = "e-"))]
     #[schemars(extend("usual" = "0.1 to 1 of read_e", "without" = "half of read_e"))]
     pub row_fpn_e: Option<f64>,
+}
+
+// `[sensor.gains]`.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(transform = in_order::<Self>)]
+pub struct GainsFile {
+    /// Nominal gains, 1 to 16 of them, rising. Between two of them values follow straight lines in
+    /// logarithms, beyond the first and the last they stay. A gain that stands twice is a step, as
+    /// of the conversion gain: the second holds from there on.
+    pub at: Vec<f64>,
+    /// Read noise at these gains, input-referred, in place of sensor.noise.read_e and
+    /// read_e_post.
+    #[schemars(extend("unit" = "e-", "without" = "the law of read_e and read_e_post"))]
+    pub read_e: Option<Vec<f64>>,
+    /// DN per electron at these gains. Beyond the last one it stays, so that more gain is none.
+    #[schemars(extend("unit" = "DN per electron", "without" = "in proportion to the gain"))]
+    pub dn_per_e: Option<Vec<f64>>,
+    /// Mean DN of no signal at these gains.
+    #[schemars(extend("unit" = "DN", "without" = "sensor.black_level_dn"))]
+    pub black_level_dn: Option<Vec<f64>>,
+    /// Charge that the sense node holds at these gains, where that is less than full_well_e.
+    #[schemars(extend("unit" = "e-", "without" = "full_well_e"))]
+    pub well_e: Option<Vec<f64>>,
+    /// Largest analog gain: above it, codes are multiplied by the rest, after the converter.
+    #[schemars(range(min = 0.01, max = 10_000.0), extend("without" = "all gain is analog"))]
+    pub digital_above: Option<f64>,
 }
 
 fn one() -> f64 {

@@ -60,6 +60,9 @@ impl Camera {
             row_fpn_e: 0.0,
             ..self.sensor.noise
         };
+        if let Some(gains) = &mut self.sensor.gains {
+            gains.read_e = None;
+        }
         self.effects.retain(|effect| shapes_the_response(effect, kept));
         if let Some(hdr) = &mut self.sensor.hdr {
             hdr.effects.retain(|e| shapes_the_response(&e.effect, kept));

@@ -15,7 +15,24 @@ pub(super) fn of(camera: &Camera) -> Vec<String> {
     };
     let single = camera.effects.iter().filter_map(about);
     let of_hdr = camera.sensor.hdr.iter().flat_map(super::hdr::remarks::of);
-    single.chain(behind_the_converter(camera)).chain(of_hdr).collect()
+    single
+        .chain(behind_the_converter(camera))
+        .chain(beyond_the_gains(camera))
+        .chain(of_hdr)
+        .collect()
+}
+
+/// A gain beyond a table of DN per electron, where more of it has no effect.
+fn beyond_the_gains(camera: &Camera) -> Option<String> {
+    let (gain, gains) = (camera.sensor.analog_gain, camera.sensor.gains.as_ref()?);
+    let last = *gains.at.last()?;
+    let analog = gains.digital_above.map_or(gain, |above| gain.min(above));
+    (gains.dn_per_e.is_some() && analog > last).then(|| {
+        format!(
+            "analog_gain = {gain}: dn_per_e of [sensor.gains] ends at gain {last} and stays beyond; \
+             add a gain, or digital_above = {last}"
+        )
+    })
 }
 
 fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
@@ -150,6 +167,16 @@ mod tests {
         assert!(told[0].contains("is 0.11, and it holds up to 0.1"), "{told:?}");
         let fall = [("effect.nonlinearity.loss", 0.4), ("effect.nonlinearity.exponent", 2.0)];
         assert!(remarks("mt9t012", &fall)[0].contains("it is 1.20"));
+    }
+
+    #[test]
+    fn a_gain_beyond_the_table_is_told() {
+        let gains = "\n[sensor.gains]\nat = [1, 4]\ndn_per_e = [0.1, 0.4]\n";
+        let text = include_str!("../presets/mt9t012.toml").to_string() + gains;
+        let mut camera = Camera::parse(&text, "test", &super::super::Folder::BuiltIn).unwrap();
+        assert_eq!(of(&camera), [] as [String; 0]);
+        camera.sensor.analog_gain = 8.0;
+        assert!(of(&camera)[0].contains("ends at gain 4"));
     }
 
     #[test]

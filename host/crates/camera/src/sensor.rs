@@ -6,7 +6,7 @@ use camrig_light::photometry::HC;
 use camrig_sensor_core::config::{FrameSettings, MAX_EFFECTS, Pattern, SensorConfig, Streams};
 use camrig_sensor_core::effects::{Domain, Effect, Needs};
 use camrig_sensor_core::effects::{
-    dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise, read_noise::ReadNoise,
+    dark_current::DarkCurrent, full_well::FullWell, prnu::Prnu, read_noise::ReadNoise,
     row_offset_fpn::RowOffsetFpn, shot_noise::ShotNoise,
 };
 
@@ -55,6 +55,8 @@ pub struct SensorModel {
     pub streams: Streams,
     /// Noise and fixed patterns.
     pub noise: Noise,
+    /// Its figures by gain, where they follow no law of the gain.
+    pub gains: Option<super::Gains>,
     /// What of them pictures have ([`Camera::keep_noise`]).
     pub kept_noise: KeptNoise,
 }
@@ -81,26 +83,7 @@ pub struct Noise {
     pub row_fpn_e: f64,
 }
 
-impl Noise {
-    /// Variance of the read noise at an analog gain, input-referred, e⁻².
-    pub fn read_variance_e2(&self, analog_gain: f64) -> f64 {
-        read_noise::variance(self.read_e, self.read_e_post, analog_gain)
-    }
-}
-
 impl SensorModel {
-    /// DN per electron at an analog gain: G (2^bits − 1)/W (eq. 11 of Chen et al. 2009), with W
-    /// the end of the converter's range.
-    pub fn dn_per_e(&self, analog_gain: f64) -> f64 {
-        analog_gain * f64::from((1u32 << self.bits) - 1) / self.full_scale_e
-    }
-
-    /// Electrons at which a pixel saturates at an analog gain: full well or the converter's end.
-    pub fn saturation_e(&self, analog_gain: f64) -> f64 {
-        let top = f64::from((1u32 << self.bits) - 1);
-        self.full_well_e.min((top - self.black_level_dn) / self.dn_per_e(analog_gain))
-    }
-
     /// Electrons per second for an irradiance of 1 W m⁻² nm⁻¹ over a band, per channel and band, in
     /// light that is even within each band: [`Self::response_to`] no further light.
     pub fn response(&self, bands: &Bands) -> Vec<Vec<f64>> {
@@ -168,6 +151,7 @@ impl Camera {
         );
         chain.extend(of(Domain::Charge));
         chain.push(FullWell { full_well_e: self.sensor.full_well_e as f32, knee: 0.0 }.into());
+        chain.extend(self.sensor.gains.iter().map(|gains| Effect::from(gains.stage())));
         chain.push(RowOffsetFpn { sigma_e: noise.row_fpn_e as f32 }.into());
         chain.push(
             ReadNoise { read_e: noise.read_e as f32, read_e_post: noise.read_e_post as f32 }

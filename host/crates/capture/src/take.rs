@@ -173,7 +173,9 @@ pub fn facts(camera: &Camera) -> SensorFacts {
         height: s.height as usize,
         bits: u32::from(s.bits),
         cfa: Some(s.cfa.clone()),
-        black_level_dn: Some(s.black_level_dn),
+        // One that depends on the gain is no figure of the whole set.
+        black_level_dn: (s.gains.as_ref().is_none_or(|gains| gains.black_level_dn.is_none()))
+            .then_some(s.black_level_dn),
         white_level_dn: full_scale,
         pitch_um: Some(s.pitch_um),
         window: None,

@@ -153,7 +153,7 @@ impl SimulatedSensor {
             height: self.config.height as usize,
             bits: u32::from(self.config.bits),
             cfa: self.cfa.clone(),
-            black_level_dn: f64::from(self.config.black_level_dn),
+            black_level_dn: f64::from(self.config.at_gain(analog_gain).black_level_dn),
             white_level_dn: self.white_level_dn(analog_gain),
             data,
         }
@@ -166,8 +166,10 @@ impl SimulatedSensor {
 
     /// DN at which a pixel saturates: full well or the converter's end, whichever comes first.
     fn white_level_dn(&self, analog_gain: f32) -> u16 {
-        let full = self.config.dn_per_e(analog_gain) * self.full_well_e;
-        (full + self.config.black_level_dn).min(f32::from(self.config.max_dn())) as u16
+        let at = self.config.at_gain(analog_gain);
+        let full_well_e = at.well_e.map_or(self.full_well_e, |well| self.full_well_e.min(well));
+        let full = at.dn_per_e * at.digital_gain * full_well_e;
+        (full + at.black_level_dn).min(f32::from(self.config.max_dn())) as u16
     }
 }
 

@@ -39,7 +39,13 @@ pub struct Gains {
     /// Read noise from after the gain stage, e⁻ at unity gain; `None` where the fit has no
     /// positive variance.
     pub read_e_post: Option<Value>,
+    /// Why there are no figures over the gains, and what to use, where their law does not hold.
+    pub note: Option<String>,
 }
+
+/// How far χ² of the law may lie above its mean, in its standard deviations √(2ν): a false alarm in
+/// some thousand sets of normal errors.
+const MAX_CHI2_DEVIATION: f64 = 5.0;
 
 /// Measures every analog gain that has flats and darks, each at the wavelength with most flats;
 /// `None` with fewer than two gains.
@@ -85,22 +91,50 @@ pub fn measure(set: &CaptureSet) -> Result<Option<Gains>> {
             }
         })
         .collect();
-    let (read_e, read_e_post) = parts(&gains);
-    Ok(Some(Gains { gains, read_e, read_e_post }))
+    Ok(Some(over(gains)))
 }
 
-/// Read noise at unity gain and from after the gain stage, by a weighted line of σ² over 1/g².
-fn parts(gains: &[AtGain]) -> (Option<Value>, Option<Value>) {
+/// `[sensor.gains]` of a camera file from what was measured at each gain.
+fn table(gains: &[AtGain]) -> Option<String> {
+    let column = |of: fn(&AtGain) -> Option<f64>| -> Option<String> {
+        let values: Option<Vec<String>> =
+            gains.iter().map(|at| of(at).map(|v| format!("{v:.5}"))).collect();
+        Some(values?.join(", "))
+    };
+    Some(format!(
+        "[sensor.gains]\nat = [{}]\nread_e = [{}]\ndn_per_e = [{}]",
+        column(|at| Some(at.analog_gain))?,
+        column(|at| Some(at.read_noise_e?.value))?,
+        column(|at| Some(at.system_gain_dn_per_e?.value))?,
+    ))
+}
+
+/// The figures with read noise at unity gain and from after the gain stage, by a weighted line of σ²
+/// over 1/g², where the gains lie on one.
+fn over(gains: Vec<AtGain>) -> Gains {
     let variance = |at: &AtGain| {
         let (g, s) = (at.analog_gain, at.read_noise_e?);
         let variance = Value::new(s.value * s.value, 2.0 * s.value * s.std_error);
         Some((vec![1.0, 1.0 / (g * g)], variance))
     };
     let variances: Vec<_> = gains.iter().filter_map(variance).collect();
-    let Ok(fit) = Fit::new(&variances) else { return (None, None) };
+    let none = |gains, note| Gains { gains, read_e: None, read_e_post: None, note };
+    let Ok(fit) = Fit::new(&variances) else { return none(gains, None) };
+    let freedom = fit.freedom as f64;
+    if fit.chi2 > freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt() {
+        let table = table(&gains).map_or(String::new(), |table| format!("; use\n{table}"));
+        let note = format!(
+            "the read noise over the gains is no law of a part before and a part after the gain \
+             stage (chi2 {:.0} of {} degrees of freedom), as with two conversion gains or a \
+             digital gain: no read_e and read_e_post over the gains{table}",
+            fit.chi2, fit.freedom
+        );
+        return none(gains, Some(note));
+    }
     let at_one = fit.covariance(0, 0) + 2.0 * fit.covariance(0, 1) + fit.covariance(1, 1);
     let unity = Value::new(fit.coefficients[0] + fit.coefficients[1], at_one.sqrt()).sqrt();
-    (unity, Value::new(fit.coefficients[1], fit.covariance(1, 1).sqrt()).sqrt())
+    let read_e_post = Value::new(fit.coefficients[1], fit.covariance(1, 1).sqrt()).sqrt();
+    Gains { gains, read_e: unity, read_e_post, note: None }
 }
 
 #[cfg(test)]
@@ -131,7 +165,8 @@ light = { wavelength_nm = 550.0 }
         let directory = tempfile::tempdir().unwrap();
         let mut camera = Camera::load("mt9v024").unwrap();
         (camera.sensor.width, camera.sensor.height) = (128, 96);
-        camera.sensor.bits = 12;
+        // Far enough above 0 that no dark pixel is cut at the highest gain.
+        (camera.sensor.bits, camera.sensor.black_level_dn) = (12, 200.0);
         let file = directory.path().join("plan.toml");
         std::fs::write(&file, PLAN).unwrap();
         let shots = plan::load(file.to_str().unwrap()).unwrap();
@@ -149,5 +184,32 @@ light = { wavelength_nm = 550.0 }
         for g in &found.gains[1..] {
             near(g.gain_ratio, 1.0, "gain ratio");
         }
+    }
+
+    /// Two conversion gains, the second from 3.333 on, and a digital gain of 2 above 6.667: read
+    /// noises that no part before and after one gain stage gives. The table of a camera file is
+    /// proposed.
+    #[test]
+    fn two_conversion_gains_are_no_law_of_two_parts() {
+        let at = |analog_gain, read_e, dn_per_e| AtGain {
+            analog_gain,
+            system_gain_dn_per_e: Some(Value::new(dn_per_e, 0.002)),
+            gain_ratio: None,
+            read_noise_e: Some(Value::new(read_e, 0.004 * read_e)),
+            full_well_e: None,
+        };
+        let law = |g: f64| (33.0 + 3.0 / (g * g)).sqrt();
+        let one = over([1.0, 2.0, 4.0].map(|g| at(g, law(g), 0.2 * g)).to_vec());
+        assert!((one.read_e.unwrap().value - 6.0).abs() < 1e-6 && one.note.is_none());
+        let two = [(1.0, 6.0), (2.0, 4.153), (3.333, 2.2), (6.667, 1.461), (13.333, 1.461)];
+        let two = over(two.map(|(g, read_e)| at(g, read_e, 0.2047 * g)).to_vec());
+        assert!(two.read_e.is_none() && two.read_e_post.is_none());
+        let note = two.note.unwrap();
+        let (said, table) = note.split_once("use\n").unwrap();
+        assert!(said.contains("no law of a part before"), "{said}");
+        let lines: Vec<&str> = table.lines().collect();
+        assert_eq!(lines[1], "at = [1.00000, 2.00000, 3.33300, 6.66700, 13.33300]");
+        assert_eq!(lines[2], "read_e = [6.00000, 4.15300, 2.20000, 1.46100, 1.46100]");
+        assert!(lines[3].starts_with("dn_per_e = [0.20470, 0.40940, "), "{table}");
     }
 }

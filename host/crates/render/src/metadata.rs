@@ -38,7 +38,7 @@ pub fn dng_info(
         focal_length_mm,
         pitch_um: Some(camera.sensor.pitch_um),
         noise_profile: noise_profile(camera, gain),
-        black_levels_dn: black_levels(camera),
+        black_levels_dn: black_levels(camera, gain),
         ..DngInfo::default()
     };
     if let Some(sensitivity) = sensitivity(camera) {
@@ -103,7 +103,7 @@ pub fn describe_merged(info: &mut DngInfo, hdr: &Hdr, cfa: &Cfa) {
 /// gives the planes of 2 x 2 pixels levels of their own: a file tells them, as a camera's does
 /// that knows them of its converters. Empty where they are equal, as what is common to all is an
 /// error that the camera does not know, and where planes are not cells of the pattern.
-fn black_levels(camera: &Camera) -> Vec<f64> {
+fn black_levels(camera: &Camera, gain: f64) -> Vec<f64> {
     let mut planes = [0.0; 4];
     for effect in &camera.effects {
         if let Effect::BlackLevelOffset(b) = effect {
@@ -116,7 +116,8 @@ fn black_levels(camera: &Camera) -> Vec<f64> {
         return Vec::new();
     }
     let plane = |i: usize| planes[i / cfa.width % 2 * 2 + i % cfa.width % 2];
-    let level = |i| (camera.sensor.black_level_dn + plane(i)).max(0.0);
+    let black_level_dn = camera.sensor.at_gain(gain).black_level_dn;
+    let level = |i| (black_level_dn + plane(i)).max(0.0);
     (0..cfa.width * cfa.height).map(level).collect()
 }
 
@@ -147,11 +148,10 @@ fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
 fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let sensor = &camera.sensor;
     let max_dn = f64::from((1u32 << sensor.bits) - 1);
-    let dn_per_e = sensor.dn_per_e(gain);
-    let range = max_dn - sensor.black_level_dn;
-    let read_e2 = sensor.noise.read_variance_e2(gain);
-    let scale = dn_per_e / range;
-    let offset = read_e2 * scale * scale + 1.0 / (12.0 * range * range);
+    let at = sensor.at_gain(gain);
+    let range = max_dn - at.black_level_dn;
+    let scale = at.dn_per_e / range;
+    let offset = at.read_variance_e2 * scale * scale + at.rounding() / (12.0 * range * range);
     let shot = if sensor.kept_noise == KeptNoise::None { 0.0 } else { scale };
     // DNG 1.4: a pair for all planes, or one for each.
     vec![(shot, offset); if sensor.cfa.channels() == ['R', 'G', 'B'] { 3 } else { 1 }]

@@ -119,6 +119,7 @@ fn depends_on(camera: &Camera, target: &Target) -> String {
         timing: _,
         noise: _,
         kept_noise: _,
+        gains: _,
     } = &camera.sensor;
     let scene = (&target.scene, &target.illuminant, target.lux.is_some());
     let optics = (&camera.lens, &camera.optical_effects);

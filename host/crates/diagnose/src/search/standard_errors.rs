@@ -148,6 +148,7 @@ mod tests {
             amplitude_e: amplitude as f32,
             cycles_per_column: fx as f32,
             cycles_per_row: 0.0,
+            gain_exponent: 0.0,
         };
         Proposal::new("periodic-pattern-noise", effect.into(), 10.0)
             .with("amplitude_e", Value { value: amplitude, std_error: 0.1 })

@@ -27,14 +27,14 @@ pub(super) struct Noise {
 
 impl Noise {
     pub fn of(camera: &Camera, analog_gain: f64) -> Self {
-        let noise = &camera.sensor.noise;
+        let (noise, at) = (&camera.sensor.noise, camera.sensor.at_gain(analog_gain));
         let dn_per_e = dn_per_e(camera, analog_gain);
         Self {
-            read2: noise.read_variance_e2(analog_gain),
-            rounding2: 1.0 / (12.0 * dn_per_e * dn_per_e),
+            read2: at.read_variance_e2,
+            rounding2: at.rounding() / (12.0 * dn_per_e * dn_per_e),
             shot: if camera.sensor.kept_noise == KeptNoise::None { 0.0 } else { 1.0 },
             prnu: noise.prnu,
-            full_well_e: camera.sensor.full_well_e,
+            full_well_e: at.full_well_e,
             dn_per_e,
         }
     }
