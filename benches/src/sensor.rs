@@ -23,7 +23,7 @@ pub fn chain() -> Vec<Effect> {
         DarkCurrent { mean_e_per_s: 20.0, dsnu_e_per_s: 5.0, doubling_c: 7.0, reference_c: 25.0 }
             .into(),
         FullWell { full_well_e: 10_000.0, knee: 0.0 }.into(),
-        RowOffsetFpn { sigma_e: 0.8 }.into(),
+        RowOffsetFpn::from_values(&[0.8]).into(),
         ReadNoise { read_e: 3.0, read_e_post: 1.0 }.into(),
     ]
 }

@@ -84,7 +84,7 @@ fn sensor() -> SensorConfig {
             .into(),
         ChargeCoupling { side: 0.01, vertical: 0.01, diagonal: 0.0 }.into(),
         FullWell { full_well_e: 10_000.0, knee: 0.0 }.into(),
-        RowOffsetFpn { sigma_e: 0.5 }.into(),
+        RowOffsetFpn::from_values(&[0.5]).into(),
         ReadNoise { read_e: 2.5, read_e_post: 1.0 }.into(),
     ]
     .into_iter()

@@ -24,7 +24,7 @@ fn windows() -> Vec<Effect> {
         .into(),
         brighter_fatter::BrighterFatter { coefficient: 1e-6 }.into(),
         charge_coupling::ChargeCoupling { side: 0.01, vertical: 0.02, diagonal: 0.001 }.into(),
-        row_offset_fpn::RowOffsetFpn { sigma_e: 2.0 }.into(),
+        row_offset_fpn::RowOffsetFpn::from_values(&[2.0]).into(),
         read_noise::ReadNoise { read_e: 4.0, read_e_post: 1.0 }.into(),
     ]
 }

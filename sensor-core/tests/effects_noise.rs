@@ -16,7 +16,7 @@ const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
 
 in_both_arithmetics! {
     noise_follows_a_power_of_the_gain column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
-    random_telegraph_noise heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
+    random_telegraph_noise telegraph_noise_of_two_samples heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
     what_lags_is_charge_that_was_held crosstalk_of_the_frame_before_lags
     less_light_has_its_own_shot_noise much_light_has_the_law_of_poisson
     light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
@@ -170,6 +170,8 @@ fn random_telegraph_noise<A: Arith>() {
         renewal: q as f32,
         duty: d as f32,
         spread: 1.0,
+        between_samples: 0.0,
+        down: 0.0,
     };
     let config = monochrome(128, 64, &[effect.into()]);
     let frames: Vec<Vec<f64>> = (0..160).map(|f| flat::<A>(&config, &at(f), 0.0)).collect();
@@ -199,6 +201,35 @@ fn random_telegraph_noise<A: Arith>() {
         let (value, error) = estimate(&products);
         near("autocovariance", value, d * (1.0 - d) * (1.0 - q).powi(lag as i32), error);
     }
+}
+
+/// Correlated double sampling of a trap: the levels −A, 0 and A, the outer ones with probability
+/// s d(1 − d) each; and of one sample, jumps of which a share goes down.
+fn telegraph_noise_of_two_samples<A: Arith>() {
+    let (s, d) = (0.3f64, 0.4f64);
+    let shares = |down: f32, between_samples: f32| {
+        let effect = random_telegraph_noise::RandomTelegraphNoise {
+            fraction: 1.0,
+            amplitude_e: 100.0,
+            renewal: 0.5,
+            duty: d as f32,
+            spread: 0.0,
+            between_samples,
+            down,
+        };
+        let v = flat::<A>(&monochrome(512, 128, &[effect.into()]), &at(3), 0.0);
+        assert!(v.iter().all(|v| [-100.0, 0.0, 100.0].contains(v)));
+        [-100.0, 100.0].map(|level| v.iter().filter(|v| **v == level).count() as f64 / 65_536.0)
+    };
+    let near_all = |got: [f64; 2], right: [f64; 2]| {
+        for (got, p) in got.into_iter().zip(right) {
+            near("share of a level", got, p, (p * (1.0 - p) / 65_536.0).sqrt());
+        }
+    };
+    let outer = s * d * (1.0 - d);
+    near_all(shares(0.0, s as f32), [outer, outer]);
+    near_all(shares(0.0, 1.0), [d * (1.0 - d), d * (1.0 - d)]);
+    near_all(shares(0.25, 0.0), [0.25 * d, 0.75 * d]);
 }
 
 fn heavy_tailed_read_noise<A: Arith>() {

@@ -240,7 +240,7 @@ fn prnu_correlated<A: Arith>() {
 /// are G^(1 − s) times those at unity gain, the signal G times what it is there.
 fn gain_stage<A: Arith>() {
     let columns = |share: f32, analog_gain: f32| {
-        let offsets = column_offset_fpn::ColumnOffsetFpn { sigma_e: 9.0 };
+        let offsets = column_offset_fpn::ColumnOffsetFpn::from_values(&[9.0]);
         let stage = gain_stage::GainStage { share };
         let mut config = monochrome(4096, 1, &[stage.into(), offsets.into()]);
         config.full_well_e *= 8.0;
@@ -594,12 +594,25 @@ fn quantum_efficiency<A: Arith>() {
 
 /// The offsets of columns are the same in each row and frame.
 fn column_offset_fpn<A: Arith>() {
-    let effect = column_offset_fpn::ColumnOffsetFpn { sigma_e: 9.0 };
+    let effect = column_offset_fpn::ColumnOffsetFpn::from_values(&[9.0]);
     let config = monochrome(8192, 2, &[effect.into()]);
     let v = flat::<A>(&config, &SETTINGS, 0.0);
     near_variance("variance of columns", variance(&v[..8192]), 81.0, 8192, 0.0);
     assert_eq!(v[..8192], v[8192..]);
     assert_eq!(v, flat::<A>(&config, &SETTINGS.with_frame(7), 0.0));
+    // The part of dark current: 1000 e⁻/s in 10 ms, four times that after two doublings, rows alike.
+    let of = |effect: Effect, width: u32, height: u32, temperature_c: f32| {
+        let config = monochrome(width, height, &[effect]);
+        let v = flat::<A>(&config, &SETTINGS.with_temperature(temperature_c), 0.0);
+        variance(&v)
+    };
+    let columns = column_offset_fpn::ColumnOffsetFpn::from_values(&[9.0, 1000.0, 6.0, 20.0]);
+    let rows = row_offset_fpn::RowOffsetFpn::from_values(&[9.0, 1000.0, 6.0, 20.0]);
+    for (temperature_c, dark_e) in [(20.0, 10.0), (32.0, 40.0)] {
+        let right = 81.0 + dark_e * dark_e;
+        near_variance("columns", of(columns.into(), 8192, 1, temperature_c), right, 8192, 0.0);
+        near_variance("rows", of(rows.into(), 1, 8192, temperature_c), right, 8192, 0.0);
+    }
 }
 
 /// Stuck at the converter's input: the same code whatever the gain before it.

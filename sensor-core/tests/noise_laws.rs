@@ -140,14 +140,14 @@ fn dark_pattern_has_the_stated_spread<A: Arith>() {
 }
 
 fn row_offset_fpn<A: Arith>() {
-    check_rows::<A>(&[RowOffsetFpn { sigma_e: 12.0 }.into()], [144.0, 0.0]);
+    check_rows::<A>(&[RowOffsetFpn::from_values(&[12.0]).into()], [144.0, 0.0]);
 }
 
 /// New in every frame, beside what stays.
 fn row_temporal_noise<A: Arith>() {
     let temporal = RowTemporalNoise { sigma_e: 5.0, gain_exponent: 0.0 };
     check_rows::<A>(&[temporal.into()], [0.0, 25.0]);
-    check_rows::<A>(&[RowOffsetFpn { sigma_e: 12.0 }.into(), temporal.into()], [144.0, 25.0]);
+    check_rows::<A>(&[RowOffsetFpn::from_values(&[12.0]).into(), temporal.into()], [144.0, 25.0]);
 }
 
 /// The variances of what rows have in common in all frames and in one, e⁻².
@@ -167,7 +167,7 @@ fn fixed_and_temporal_parts<A: Arith>() {
     let effects = [
         ShotNoise {}.into(),
         Prnu { sigma: 0.01 }.into(),
-        RowOffsetFpn { sigma_e: 15.0 }.into(),
+        RowOffsetFpn::from_values(&[15.0]).into(),
         ReadNoise { read_e: 10.0, read_e_post: 0.0 }.into(),
     ];
     let config = monochrome(256, 512, &effects);
@@ -242,7 +242,7 @@ fn noise_variance_agrees_with_isetcam<A: Arith>() {
             Prnu { sigma: p as f32 }.into(),
             dark((case[4] / V_PER_E) as f32, 0.0).into(),
             PixelOffsetFpn { sigma_e: dsnu_e as f32 }.into(),
-            ColumnOffsetFpn { sigma_e: offset_e as f32 }.into(),
+            ColumnOffsetFpn::from_values(&[offset_e as f32]).into(),
             ColumnGainFpn { sigma: gain as f32 }.into(),
             ReadNoise { read_e: read_e as f32, read_e_post: 0.0 }.into(),
         ];

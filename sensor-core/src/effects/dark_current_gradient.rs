@@ -17,9 +17,9 @@ effect! {
         rate_e_per_s: "e-/s", 0.0..=1e6;
         /// Direction in which it rises, 0 to the right, 90 down
         direction_deg: "deg", -360.0..=360.0, default 0.0;
-        /// Temperature rise that doubles it
+        /// Temperature rise that doubles it; in a camera file, left out, that of sensor.noise
         doubling_c: "K", 1.0..=100.0, default 7.0;
-        /// Reference temperature
+        /// Reference temperature; in a camera file, left out, that of sensor.noise
         reference_c: "degC", -100.0..=150.0, default 25.0;
     }
 }

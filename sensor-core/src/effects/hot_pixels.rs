@@ -18,9 +18,9 @@ effect! {
         fraction: "1", 0.0..=1.0;
         /// Mean of their extra dark current at the reference temperature
         mean_e_per_s: "e-/s", 0.0..=1e6;
-        /// Temperature rise that doubles it
+        /// Temperature rise that doubles it; in a camera file, left out, that of sensor.noise
         doubling_c: "K", 1.0..=100.0, default 7.0;
-        /// Reference temperature
+        /// Reference temperature; in a camera file, left out, that of sensor.noise
         reference_c: "degC", -100.0..=150.0, default 25.0;
     }
 }

@@ -15,7 +15,13 @@ effect! {
     /// probability q, and then is 1 with probability d. So b has mean d, variance d(1−d) and
     /// autocorrelation (1−q)^|n|. Any frame can be computed without the others: the last renewal
     /// is sought up to 128 frames back (at q = 0.03 one trap in fifty reaches that limit and
-    /// starts afresh). Wang et al. 2006; Goiffon et al. 2009.
+    /// starts afresh).
+    ///
+    /// With correlated double sampling the trap is seen twice: v += A (b − b'), b' its state at the
+    /// first sample, renewed in between with probability s. The signal then has three levels, −A, 0
+    /// and A; the outer ones have probability s d(1−d) each, so that the mean is 0 and the variance
+    /// 2 s d(1−d) A². In a share of the pixels the jumps go down: −A. A pixel with two traps comes
+    /// of two such effects. Wang et al. 2006; Goiffon et al. 2009.
     RandomTelegraphNoise, "random-telegraph-noise", Voltage, Temporal, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
@@ -27,6 +33,11 @@ effect! {
         duty: "1", 0.0..=1.0, default 0.5;
         /// Spread w of the amplitudes: 1 exponential, 0 all alike
         spread: "1", 0.0..=1.0, default 1.0;
+        /// Chance s of a renewal between the two samples of correlated double sampling; 0 is one
+        /// sample
+        between_samples: "1", 0.0..=1.0, default 0.0;
+        /// Share of these pixels whose jumps go down, in steps of 1/256
+        down: "1", 0.0..=1.0, default 0.0;
     }
 }
 
@@ -34,6 +45,17 @@ effect! {
 const MEMORY: u32 = 128;
 
 impl RandomTelegraphNoise {
+    /// The level of a column's pixel, in amplitudes: 0 or 1, or −1 to 1 of two samples.
+    fn level(&self, cx: &Context<'_>, column: u32) -> f32 {
+        let up = self.up(cx, column);
+        if self.between_samples == 0.0 {
+            return f32::from(u8::from(up));
+        }
+        let renewed = unit(cx.word(2, cx.frame, column)) < self.between_samples;
+        let first = if renewed { unit(cx.word(3, cx.frame, column)) < self.duty } else { up };
+        f32::from(i8::from(up) - i8::from(first))
+    }
+
     /// Whether the trap of a column's pixel is in its upper level.
     fn up(&self, cx: &Context<'_>, column: u32) -> bool {
         let mut frame = cx.frame;
@@ -60,9 +82,15 @@ impl Stage for RandomTelegraphNoise {
             let chosen = super::chosen(&mut pattern, self.fraction);
             let words = super::words(&mut pattern);
             for (i, v) in block.iter_mut().enumerate() {
-                if chosen[i] && self.up(cx, (b * BLOCK + i) as u32) {
+                if !chosen[i] {
+                    continue;
+                }
+                let level = self.level(cx, (b * BLOCK + i) as u32);
+                if level != 0.0 {
                     let share = 1.0 - self.spread - self.spread * math::ln(unit(words[i]));
-                    let amplitude = self.amplitude_e * share;
+                    // The lowest bits of the word, which its uniform number does not use.
+                    let down = ((words[i] & 0xff) as f32) < self.down * 256.0;
+                    let amplitude = self.amplitude_e * share * if down { -level } else { level };
                     *v = A::add(*v, A::signal(amplitude));
                 }
             }

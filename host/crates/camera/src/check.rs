@@ -4,7 +4,7 @@ use super::effects::{AnyEffect, read_effect};
 use super::empirical::{self, Empirical};
 use super::file::{self, CameraFile, Direction, FallOff, Law};
 use super::file::{LensFile, NoiseFile, SensorFile, TimingFile};
-use super::hdr::{self, EffectOn, Hdr};
+use super::hdr::{self, EffectOn};
 use super::named_files::{FileName, FractionOrFile};
 use super::prescription;
 use super::{
@@ -14,6 +14,7 @@ use super::{
 use camrig_base::table::{SpectralTable, Wanted};
 use camrig_base::toml_text::{line_of, place_of_key as place};
 use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes};
+use camrig_sensor_core::effects::Effect;
 
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
@@ -48,8 +49,7 @@ pub(super) fn camera(
     let mut effects = Vec::new();
     for table in &file.effects {
         let line = line_of(text, table.span().start);
-        let hdr = sensor.as_ref().and_then(|sensor| sensor.hdr.as_ref());
-        match listed(table.get_ref().clone(), hdr, folder) {
+        match listed(table.get_ref().clone(), sensor.as_ref(), folder) {
             Ok(effect) => effects.push(effect),
             Err(e) => keep(e.at(format!("[[effect]] at line {line}"))),
         }
@@ -94,8 +94,16 @@ enum Listed {
     OfCaptures(EffectOn),
 }
 
-fn listed(mut table: toml::Table, hdr: Option<&Hdr>, folder: &Folder<'_>) -> Result<Listed> {
+fn listed(
+    mut table: toml::Table,
+    sensor: Option<&SensorModel>,
+    folder: &Folder<'_>,
+) -> Result<Listed> {
+    if let Some(sensor) = sensor {
+        grow_as_dark_current(&mut table, &sensor.noise);
+    }
     if let Some(names) = table.remove("on") {
+        let hdr = sensor.and_then(|sensor| sensor.hdr.as_ref());
         return hdr::effect_on(hdr, &names, &read_effect(&table)?).map(Listed::OfCaptures);
     }
     let table = &table;
@@ -103,6 +111,19 @@ fn listed(mut table: toml::Table, hdr: Option<&Hdr>, folder: &Folder<'_>) -> Res
         return Empirical::read(table, folder).map(Listed::Empirical);
     }
     read_effect(table).map(Listed::Catalogued)
+}
+
+/// What an effect grows with temperature by, unless its table says otherwise: as the dark current.
+fn grow_as_dark_current(table: &mut toml::Table, noise: &Noise) {
+    let kind = table.get("kind").and_then(toml::Value::as_str);
+    let catalogued = Effect::CATALOGUE.iter().filter(|e| e.kind != empirical::KIND);
+    let entry = catalogued.into_iter().find(|e| Some(e.kind) == kind);
+    let law = [("doubling_c", noise.dark_doubling_c), ("reference_c", noise.temperature_ref_c)];
+    for parameter in entry.iter().flat_map(|e| e.parameters) {
+        if let Some((key, value)) = law.iter().find(|(key, _)| *key == parameter.key) {
+            table.entry(*key).or_insert((*value).into());
+        }
+    }
 }
 
 /// The lens; `None` where a key is missing that its kind needs, which was found already.

@@ -152,7 +152,7 @@ impl Camera {
         chain.extend(of(Domain::Charge));
         chain.push(FullWell { full_well_e: self.sensor.full_well_e as f32, knee: 0.0 }.into());
         chain.extend(self.sensor.gains.iter().map(|gains| Effect::from(gains.stage())));
-        chain.push(RowOffsetFpn { sigma_e: noise.row_fpn_e as f32 }.into());
+        chain.push(RowOffsetFpn::from_values(&[noise.row_fpn_e as f32]).into());
         chain.push(
             ReadNoise { read_e: noise.read_e as f32, read_e_post: noise.read_e_post as f32 }
                 .into(),

@@ -48,6 +48,22 @@ fn all_mistakes_are_named_in_one_message() {
     }
 }
 
+/// Dark patterns grow with temperature by the sensor's law unless they have one of their own.
+#[test]
+fn dark_patterns_grow_as_the_dark_current() {
+    let text = GOOD.replace(
+        "[sensor.noise]",
+        "[sensor.noise]\ndark_doubling_c = 5.5\ntemperature_ref_c = 40",
+    );
+    let hot = "\n[[effect]]\nkind = \"hot-pixels\"\nfraction = 0.01\nmean_e_per_s = 10\n";
+    let values = |more: &str| {
+        let text = format!("{text}{hot}{more}");
+        Camera::parse(&text, "test", &Folder::BuiltIn).unwrap().effects[0].values()
+    };
+    assert_eq!(values("")[2..], [5.5, 40.0]);
+    assert_eq!(values("doubling_c = 8")[2..], [8.0, 40.0]);
+}
+
 #[test]
 fn wrong_effects_are_named() {
     for (effect, expected) in [

@@ -141,7 +141,7 @@ mod tests {
             ShotNoise {}.into(),
             Prnu { sigma: 0.008 }.into(),
             ChargeCoupling { side: 0.01, vertical: 0.02, diagonal: 0.001 }.into(),
-            RowOffsetFpn { sigma_e: 0.8 }.into(),
+            RowOffsetFpn::from_values(&[0.8]).into(),
             ReadNoise { read_e: 3.0, read_e_post: 1.0 }.into(),
         ];
         let mut config = SensorConfig::new(width, height);

@@ -36,7 +36,7 @@ pub fn diagnosed() -> (String, String) {
     let model = small(64, 48);
     let mut built = model.clone();
     built.effects.push(AmpGlow { rate_e_per_s: 900.0, x: 1.0, y: 0.05, width: 0.35 }.into());
-    built.effects.push(ColumnOffsetFpn { sigma_e: 9.0 }.into());
+    built.effects.push(ColumnOffsetFpn::from_values(&[9.0]).into());
     let folder = tempfile::tempdir().unwrap();
     let set = taken(&built, "ptc", &folder.path().join("set"));
     let found = diagnose(&model, set, &Options::default()).unwrap();
