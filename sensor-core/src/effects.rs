@@ -255,6 +255,8 @@ catalogue! {
     50 => empirical::Empirical if "empirical",
     51 => gain_stage::GainStage if "gain-stage",
     52 => gain_table::GainTable if "gain-table",
+    53 => dark_current_telegraph_noise::DarkCurrentTelegraphNoise if "dark-current-telegraph-noise",
+    54 => defective_columns::DefectiveColumns if "defective-columns",
 }
 
 impl Effect {

@@ -16,7 +16,8 @@ const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
 
 in_both_arithmetics! {
     noise_follows_a_power_of_the_gain column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
-    random_telegraph_noise telegraph_noise_of_two_samples heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
+    random_telegraph_noise dark_current_telegraph_noise telegraph_noise_of_two_samples
+    heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
     what_lags_is_charge_that_was_held crosstalk_of_the_frame_before_lags
     less_light_has_its_own_shot_noise much_light_has_the_law_of_poisson
     light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
@@ -230,6 +231,42 @@ fn telegraph_noise_of_two_samples<A: Arith>() {
     near_all(shares(0.0, s as f32), [outer, outer]);
     near_all(shares(0.0, 1.0), [d * (1.0 - d), d * (1.0 - d)]);
     near_all(shares(0.25, 0.0), [0.25 * d, 0.75 * d]);
+}
+
+/// Of the chosen pixels' excess m = a t, on in the share d of the frames: mean f d m, and between
+/// exposures of 1 : 4 the variance over frames grows as f m² (2 d − d²) + …, with the exposure
+/// squared where the charge is large.
+fn dark_current_telegraph_noise<A: Arith>() {
+    let (f, d, rate) = (0.05, 0.4f64, 20_000.0f64);
+    let effect = dark_current_telegraph_noise::DarkCurrentTelegraphNoise {
+        fraction: f as f32,
+        mean_e_per_s: rate as f32,
+        renewal: 0.5,
+        duty: d as f32,
+        doubling_c: 7.0,
+        reference_c: 25.0,
+    };
+    let config = monochrome(128, 64, &[effect.into()]);
+    let of = |exposure_s: f32| {
+        let take = |i| flat::<A>(&config, &at(i).with_exposure(exposure_s), 0.0);
+        let frames: Vec<Vec<f64>> = (0..60).map(take).collect();
+        let pixels = (0..frames[0].len()).map(|i| frames.iter().map(|f| f[i]).collect::<Vec<_>>());
+        let pixels: Vec<Vec<f64>> = pixels.filter(|v| v.iter().any(|v| *v > 4.0)).collect();
+        let means: Vec<f64> = pixels.iter().map(|v| mean(v)).collect();
+        let variances: Vec<f64> = pixels.iter().map(|v| variance(v)).collect();
+        (pixels.len() as f64, estimate(&means), estimate(&variances))
+    };
+    let [(count, (short, error), (low, low_error)), (_, (long, _), (high, high_error))] =
+        [0.01, 0.04].map(of);
+    // Those whose jump is above the limit: e^(−4/200).
+    let expected = f * 128.0 * 64.0 * (-4.0f64 / 200.0).exp();
+    near("pixels that blink", count, expected, expected.sqrt());
+    near("mean", short, d * (rate * 0.01 + 4.0), error);
+    assert!((long / short / 4.0 - 1.0).abs() < 0.1, "{long} {short}");
+    // Variance of a switched charge, ⟨m²⟩ d (1 − d) with ⟨m²⟩ = 2 ⟨m⟩², and its shot noise.
+    let expected = |m: f64| 2.0 * m * m * d * (1.0 - d) + d * m;
+    near("variance, short", low, expected(rate * 0.01), low_error + 0.04 * low);
+    near("variance, long", high, expected(rate * 0.04), high_error + 0.04 * high);
 }
 
 fn heavy_tailed_read_noise<A: Arith>() {

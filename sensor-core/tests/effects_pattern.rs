@@ -20,7 +20,7 @@ in_both_arithmetics! {
     colour_shading
     relative_illumination fringing adc_nonlinearity defective_pixels hot_pixels column_offset_fpn
     light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
-    system_gain quantum_efficiency stuck_pixels
+    system_gain quantum_efficiency stuck_pixels defective_columns
 }
 
 /// Output over input for a ramp of `top` e⁻ over 1000 columns; `expected` maps input to output.
@@ -334,13 +334,17 @@ fn black_level_offset<A: Arith>() {
         plane_1_dn: -3.0,
         plane_2_dn: 7.0,
         plane_3_dn: 0.0,
+        per_kelvin_dn: 0.5,
+        reference_c: 15.0,
     };
     let config = bayer(70, 2, &[effect.into()]);
-    for (analog_gain, exposure_s) in [(1.0, 0.01), (4.0, 0.05)] {
+    for (analog_gain, exposure_s, kelvins) in [(1.0, 0.01, 10.0), (4.0, 0.05, -20.0)] {
         let settings = SETTINGS.with_gain(analog_gain).with_exposure(exposure_s);
+        let settings = settings.with_temperature(15.0 + kelvins);
         let dn = frame::<A>(&config, &settings, &mut Means(|_, _| 0.0));
         let common =
             BLACK + 5.0 + 2.0 * f64::from(analog_gain - 1.0) + 100.0 * f64::from(exposure_s);
+        let common = common + 0.5 * f64::from(kelvins);
         for (i, dn) in dn.iter().enumerate() {
             let own = [0.0, -3.0, 7.0, 0.0][i / 70 % 2 * 2 + i % 2];
             assert_eq!(f64::from(*dn), (common + own).round(), "{i}");
@@ -496,6 +500,18 @@ fn check_share<A: Arith>(effect: Effect, is: fn(f64) -> bool, expected: f64) {
 fn defective_pixels<A: Arith>() {
     let weak = defective_pixels::DefectivePixels { fraction: 0.01, gain: 0.25 };
     check_share::<A>(weak.into(), |v| (v - 250.0).abs() < HALF, 0.01);
+}
+
+fn defective_columns<A: Arith>() {
+    let effect = defective_columns::DefectiveColumns { fraction: 0.1, gain: 0.25, length: 0.5 };
+    let v = flat::<A>(&monochrome(512, 64, &[effect.into()]), &SETTINGS, 1000.0);
+    let weak = |y: usize, x: usize| (v[y * 512 + x] - 250.0).abs() < HALF;
+    let columns: Vec<usize> = (0..512).filter(|x| weak(63, *x)).collect();
+    near("columns", columns.len() as f64, 51.2, 46.0f64.sqrt());
+    for y in 0..64 {
+        let own: Vec<usize> = (0..512).filter(|x| weak(y, *x)).collect();
+        assert_eq!(own, if y < 32 { Vec::new() } else { columns.clone() }, "row {y}");
+    }
 }
 
 fn hot_pixels<A: Arith>() {

@@ -5,10 +5,11 @@ use crate::arith::{Arith, Block};
 
 effect! {
     /// Black-level offset: the black level differs from the configured one, and changes with gain,
-    /// exposure and colour plane.
+    /// exposure, colour plane and temperature.
     ///
-    /// DN += b + b_G (G − 1) + b_t t + b_p before rounding, where G is the analogue gain, t the
-    /// exposure, and p = 2 (y mod 2) + x mod 2 the colour plane of a 2x2 pattern.
+    /// DN += b + b_G (G − 1) + b_t t + b_p + b_T (T − T_ref) before rounding, where G is the
+    /// analogue gain, t the exposure, T the temperature, and p = 2 (y mod 2) + x mod 2 the colour
+    /// plane of a 2x2 pattern.
     BlackLevelOffset, "black-level-offset", Voltage, Response, Pixel {
         /// Constant part
         offset_dn: "DN", -1e4..=1e4, default 0.0;
@@ -24,6 +25,10 @@ effect! {
         plane_2_dn: "DN", -1e4..=1e4, default 0.0;
         /// Part of odd columns of odd rows
         plane_3_dn: "DN", -1e4..=1e4, default 0.0;
+        /// Part per kelvin above the reference temperature
+        per_kelvin_dn: "DN/K", -1e3..=1e3, default 0.0;
+        /// Reference temperature
+        reference_c: "degC", -100.0..=150.0, default 25.0;
     }
 }
 
@@ -37,7 +42,8 @@ impl Stage for BlackLevelOffset {
     ) {
         let common = self.offset_dn
             + self.per_gain_dn * (cx.analog_gain - 1.0)
-            + self.per_second_dn * cx.exposure_s;
+            + self.per_second_dn * cx.exposure_s
+            + self.per_kelvin_dn * (cx.temperature_c - self.reference_c);
         let dn_per_e = cx.dn_per_e_here();
         let by_plane = [self.plane_0_dn, self.plane_1_dn, self.plane_2_dn, self.plane_3_dn];
         let first = cx.row as usize % 2 * 2;

@@ -13,9 +13,7 @@ effect! {
     /// A = a (1 − w − w ln u), u uniform, has mean a and is fixed; its distribution goes from one
     /// value for all (w = 0) to exponential (w = 1). In each frame the trap is renewed with
     /// probability q, and then is 1 with probability d. So b has mean d, variance d(1−d) and
-    /// autocorrelation (1−q)^|n|. Any frame can be computed without the others: the last renewal
-    /// is sought up to 128 frames back (at q = 0.03 one trap in fifty reaches that limit and
-    /// starts afresh).
+    /// autocorrelation (1−q)^|n|, over up to 128 frames.
     ///
     /// With correlated double sampling the trap is seen twice: v += A (b − b'), b' its state at the
     /// first sample, renewed in between with probability s. The signal then has three levels, −A, 0
@@ -41,31 +39,16 @@ effect! {
     }
 }
 
-/// Most frames that are searched for the last renewal, this one included.
-const MEMORY: u32 = 128;
-
 impl RandomTelegraphNoise {
     /// The level of a column's pixel, in amplitudes: 0 or 1, or −1 to 1 of two samples.
     fn level(&self, cx: &Context<'_>, column: u32) -> f32 {
-        let up = self.up(cx, column);
+        let up = cx.telegraph_is_up(column, self.renewal, self.duty);
         if self.between_samples == 0.0 {
             return f32::from(u8::from(up));
         }
         let renewed = unit(cx.word(2, cx.frame, column)) < self.between_samples;
         let first = if renewed { unit(cx.word(3, cx.frame, column)) < self.duty } else { up };
         f32::from(i8::from(up) - i8::from(first))
-    }
-
-    /// Whether the trap of a column's pixel is in its upper level.
-    fn up(&self, cx: &Context<'_>, column: u32) -> bool {
-        let mut frame = cx.frame;
-        for _ in 1..MEMORY {
-            if unit(cx.word(0, frame, column)) < self.renewal {
-                break;
-            }
-            frame = frame.wrapping_sub(1);
-        }
-        unit(cx.word(1, frame, column)) < self.duty
     }
 }
 

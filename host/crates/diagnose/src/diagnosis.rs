@@ -42,7 +42,7 @@ pub fn diagnose(camera: &Camera, set: CaptureSet, options: &Options<'_>) -> Resu
         true => None,
         false => Names::of(&camera, &cleaned, &measured)?,
     };
-    let seeds = names.as_ref().map_or_else(Vec::new, |n| n.proposals(&camera));
+    let seeds = names.as_ref().map_or_else(|| Ok(Vec::new()), |n| n.proposals(&camera))?;
     let known = Known { seeds: &seeds, without: &options.without };
     let (measured, outcome) = explain(&measured, &camera, &known, &trying)?;
     let evidence = names.map_or_else(|| Ok(Vec::new()), |n| n.judge(&outcome))?;

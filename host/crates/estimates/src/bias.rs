@@ -66,6 +66,8 @@ pub struct Pattern {
     pub columns: Value,
     /// Of whole rows.
     pub rows: Value,
+    /// Straight slopes, from the first to the last column and row, DN; not in the variances.
+    pub slopes: [Value; 2],
 }
 
 /// The temporal part of a stack, split into offsets of frames and sites, of rows, and what is left
@@ -330,14 +332,10 @@ fn pattern(stack: &Stack, sites: Sites) -> Pattern {
     let products = |halves: &[Vec<f64>; 2]| -> Vec<f64> {
         halves[0].iter().zip(&halves[1]).map(|(a, b)| a * b).collect()
     };
+    let slopes = remove_slopes(&mut halves, width);
     let all = mean(&products(&halves)).value;
-    let row_means = |map: &[f64]| -> Vec<f64> {
-        map.chunks(width).map(|row| row.iter().sum::<f64>() / width as f64).collect()
-    };
-    let column_means = |map: &[f64]| -> Vec<f64> {
-        let of = |x| map.iter().skip(x).step_by(width).sum::<f64>() / height as f64;
-        (0..width).map(of).collect()
-    };
+    let row_means = |map: &[f64]| row_means(map, width);
+    let column_means = |map: &[f64]| column_means(map, width);
     let lines = |means: [Vec<f64>; 2], length: usize| {
         let product = mean(&products(&means));
         Value { value: product.value - all / length as f64, ..product }
@@ -353,5 +351,31 @@ fn pattern(stack: &Stack, sites: Sites) -> Pattern {
         map.chunks_mut(width)
             .for_each(|row| row.iter_mut().zip(&of_columns).for_each(|(v, m)| *v -= m));
     }
-    Pattern { pixels: mean(&products(&halves)), columns, rows }
+    Pattern { pixels: mean(&products(&halves)), columns, rows, slopes }
+}
+
+fn row_means(map: &[f64], width: usize) -> Vec<f64> {
+    map.chunks(width).map(|row| row.iter().sum::<f64>() / width as f64).collect()
+}
+
+fn column_means(map: &[f64], width: usize) -> Vec<f64> {
+    let height = (map.len() / width) as f64;
+    (0..width).map(|x| map.iter().skip(x).step_by(width).sum::<f64>() / height).collect()
+}
+
+/// Takes straight slopes across and down off both halves: what is smooth is no pattern of lines.
+/// Returns them from the first to the last line, with errors from the scatter of the lines.
+fn remove_slopes(halves: &mut [Vec<f64>; 2], width: usize) -> [Value; 2] {
+    [true, false].map(|across| {
+        let [a, b] = halves.each_mut().map(|map| {
+            let lines = if across { column_means(map, width) } else { row_means(map, width) };
+            let (by, middle) = (slope(&lines), (lines.len() as f64 - 1.0) / 2.0);
+            for (i, v) in map.iter_mut().enumerate() {
+                let line = if across { i % width } else { i / width };
+                *v -= by.value * (line as f64 - middle);
+            }
+            by.scaled(lines.len() as f64 - 1.0)
+        });
+        Value { value: 0.5 * (a.value + b.value), std_error: a.std_error.max(b.std_error) }
+    })
 }

@@ -8,8 +8,6 @@ use super::{Sites, Stack};
 use camrig_base::Value;
 use camrig_base::tails::chi_square;
 
-/// Gain that is assumed where no flat stack tells it: only weights depend on it, DN per electron.
-pub(crate) const ASSUMED_GAIN: f64 = 0.27;
 /// Widths of the core above the median from which a pixel is hot.
 const HOT: f64 = 6.0;
 /// Robust standard deviations at which maps are clipped.
@@ -65,17 +63,11 @@ pub struct DarkCurrent {
 impl DarkCurrent {
     /// A weighted line over exposure with a free intercept through the mean maps of each pixel;
     /// none of fewer than two exposed stacks.
-    pub(crate) fn of(
-        darks: &[Dark<'_>],
-        bias: &Bias,
-        sites: Sites,
-        dn_per_e: Option<f64>,
-    ) -> Option<Self> {
+    pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, sites: Sites, gain: f64) -> Option<Self> {
         let exposed: Vec<&Dark<'_>> = darks.iter().filter(|d| d.stack.exposure_s > 0.0).collect();
         if exposed.len() < 2 {
             return None;
         }
-        let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
         let width = exposed[0].stack.size().0;
         let noise = |dark: &&Dark<'_>| {
             let charge = dark.map.iter().zip(&bias.map).map(|(m, b)| m - b);
@@ -144,8 +136,7 @@ pub struct FrameOffsets {
 
 impl FrameOffsets {
     /// Of the frames that are not torn; none where no stack has two of them.
-    pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, dn_per_e: Option<f64>) -> Option<Self> {
-        let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
+    pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, gain: f64) -> Option<Self> {
         let (width, height) = darks.first()?.stack.size();
         let (mut dof, mut ratio, mut beyond) = (0.0, 0.0, 0.0);
         for Dark { stack, torn, map, .. } in darks {

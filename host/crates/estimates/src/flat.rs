@@ -37,6 +37,8 @@ pub struct Flat {
     pub gain_correlation: [Value; 4],
     /// Columns whose gain departs from that of their neighbours.
     pub defective_columns: Vec<usize>,
+    /// Their mean gain relative to the others; none where there are none.
+    pub defective_gain: Option<Value>,
 }
 
 /// The strongest frequency of the light over rows.
@@ -75,7 +77,13 @@ impl Flat {
         let maps: Vec<SiteMaps> =
             (0..sites.count()).map(|s| SiteMaps::of(&frames, whole, sites, s)).collect();
         let mut halves = [0, 1].map(|half| assemble(&maps, half, whole, sites));
-        let defective_columns = defective(&halves, width);
+        let gains = column_gains(&halves, width);
+        let defective_columns = defective(&gains);
+        let own: Vec<f64> = defective_columns.iter().map(|x| 1.0 + gains[*x]).collect();
+        let defective_gain = (!own.is_empty()).then(|| {
+            let Value { value, std_error } = mean(&own);
+            Value::new(value, std_error.max(mad_sd(&gains) / (own.len() as f64).sqrt()))
+        });
         for map in &mut halves {
             for row in map.chunks_mut(width) {
                 defective_columns.iter().for_each(|x| row[*x] = 0.0);
@@ -113,6 +121,7 @@ impl Flat {
             sites: by_site.collect(),
             gain_correlation: [(1, 0), (0, 1), (2, 0), (0, 2)].map(correlation),
             defective_columns,
+            defective_gain,
         }
     }
 }
@@ -341,16 +350,20 @@ fn assemble(
     (0..width * height).map(at).collect()
 }
 
-/// Columns whose median gain departs from that of all.
-fn defective(halves: &[Vec<f64>; 2], width: usize) -> Vec<usize> {
+/// The median over rows of the relative gain less 1, of each column.
+fn column_gains(halves: &[Vec<f64>; 2], width: usize) -> Vec<f64> {
     let column = |x: usize| {
         let [a, b] = [0, 1].map(|h: usize| halves[h].iter().skip(x).step_by(width));
         median(a.zip(b).map(|(a, b)| 0.5 * (a + b)).collect())
     };
-    let gains: Vec<f64> = (0..width).map(column).collect();
-    let centre = median(gains.clone());
-    let limit = (DEFECTIVE * mad_sd(&gains)).max(MIN_DEFECT);
-    (0..width).filter(|x| (gains[*x] - centre).abs() > limit).collect()
+    (0..width).map(column).collect()
+}
+
+/// Columns whose gain stands out.
+fn defective(gains: &[f64]) -> Vec<usize> {
+    let centre = median(gains.to_vec());
+    let limit = (DEFECTIVE * mad_sd(gains)).max(MIN_DEFECT);
+    (0..gains.len()).filter(|x| (gains[*x] - centre).abs() > limit).collect()
 }
 
 /// Columns that depart from the running median of columns replaced by it, so that they do not bend

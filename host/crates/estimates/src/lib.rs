@@ -37,7 +37,7 @@
 //! };
 //! let frame = |t| Plane::from_fn(48, 48, |x, y| (64.0 + noise(x, y, t)).round() as u16);
 //! let dark = Stack::new("dark", Role::Dark, 0.0, (0..16).map(frame).collect());
-//! let found = estimate(&[dark], Sites { across: 1, down: 1 })?;
+//! let found = estimate(&[dark], Sites { across: 1, down: 1 }, 0.5)?;
 //! let read_noise = found.bias.read_noise_variance; // DN²
 //! assert!((read_noise.value - 1.0).abs() < 0.1);
 //! # Ok::<(), camrig_base::Error>(())
@@ -88,11 +88,12 @@ impl Estimates {
 }
 
 /// Estimates everything that the dark and flat stacks of one analog gain show. The dark stack with
-/// the shortest exposure is the bias; stacks of other roles are ignored.
+/// the shortest exposure is the bias; stacks of other roles are ignored. Where no flat shows the gain, shot noise is that of
+/// `dn_per_e`.
 ///
 /// # Errors
 /// No dark stack with two frames or more; frames of different sizes, or smaller than 16 pixels.
-pub fn estimate(stacks: &[Stack], sites: Sites) -> Result<Estimates> {
+pub fn estimate(stacks: &[Stack], sites: Sites, dn_per_e: f64) -> Result<Estimates> {
     let mut darks: Vec<&Stack> = stacks.iter().filter(|s| s.role == Role::Dark).collect();
     darks.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
     let Some(shortest) = darks.first().filter(|s| s.frames.len() >= 2) else {
@@ -110,7 +111,7 @@ pub fn estimate(stacks: &[Stack], sites: Sites) -> Result<Estimates> {
     let gain = Value::combine(flats.iter().flat_map(|f| f.sites.iter().map(|s| s.gain)));
     let darks: Vec<dark::Dark<'_>> =
         darks.par_iter().map(|stack| dark::Dark::read(stack, &torn)).collect();
-    let dn_per_e = gain.map(|g| g.value);
+    let dn_per_e = gain.map_or(dn_per_e, |g| g.value);
     let dark_current = dark::DarkCurrent::of(&darks, &bias, sites, dn_per_e);
     let frame_offsets = dark::FrameOffsets::of(&darks, &bias, dn_per_e);
     let telegraph = telegraph::Telegraph::of(&darks, &bias, dn_per_e);

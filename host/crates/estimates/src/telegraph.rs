@@ -6,7 +6,7 @@
 //! v ∝ t²ᵖ is fitted over the exposure t: p = 0 of the read-out, p = 1 of the dark current.
 
 use super::bias::Bias;
-use super::dark::{ASSUMED_GAIN, Dark};
+use super::dark::Dark;
 use super::robust::{Sorted, clipped_mean, jackknife, mean, median};
 use camrig_base::Value;
 use camrig_base::tails::chi_square;
@@ -58,8 +58,7 @@ struct Variances {
 
 impl Telegraph {
     /// Of dark stacks sorted by exposure, the first of which is the bias.
-    pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, dn_per_e: Option<f64>) -> Self {
-        let gain = dn_per_e.unwrap_or(ASSUMED_GAIN);
+    pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, gain: f64) -> Self {
         let stacks: Vec<Variances> =
             darks.par_iter().map(|d| Variances::of(d, bias, gain)).collect();
         let pixels = bias.map.len() as f64;

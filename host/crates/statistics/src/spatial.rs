@@ -105,23 +105,34 @@ pub fn robust_sds(d: &[f32], channels: &Channels) -> Vec<f64> {
 /// filtered.
 pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let (w, h) = (map.width, map.height);
-    let n = (w * h) as f64;
-    let mean = map.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
-    let mut d: Vec<f32> = map.data.iter().map(|&v| (f64::from(v) - mean) as f32).collect();
+    let mut d = map.data.clone();
     let scale = sd_about_median(d.clone()).max(1e-12);
     let limit = (CLIP_OF_WHOLE_MAP * CLIP * scale) as f32;
+    centre(&mut d, limit);
     let mut s =
         Spatial { slopes: subtract_smooth_terms(&mut d, w, h, limit), ..Spatial::default() };
     subtract_lines(&mut d, w, h, limit, even, &mut s);
     // Blocks after subtraction of rows and columns, whose patterns lines of blocks would share.
     let (blocks, fine_blocks) = blocks(&d, w, h, limit);
     let sd = sd_about_median(d.clone()).max(1e-12);
+    centre(&mut d, (CLIP * sd) as f32);
     describe_outliers(&d, channels, &mut s);
     describe_clipped(&mut d, w, h, (CLIP * sd) as f32, &mut s);
     s.blocks = blocks / s.pixel_variance;
     s.fine_blocks = fine_blocks / s.pixel_variance;
     s.lattice = lattice(&d, w, h, s.pixel_variance);
     s
+}
+
+/// Subtracts the median of a map and then the mean of what is clipped, so that the clipped map has
+/// the mean 0: a few outliers would move a plain mean, and the constant that is left would count as
+/// correlation, skewness and level of the corners.
+fn centre(d: &mut [f32], limit: f32) {
+    let middle = median(&mut d.to_vec(), f32::total_cmp);
+    let clipped = d.iter().map(|&x| f64::from((x - middle).clamp(-limit, limit)));
+    let mean = clipped.sum::<f64>() / d.len() as f64;
+    let zero = (f64::from(middle) + mean) as f32;
+    d.iter_mut().for_each(|x| *x -= zero);
 }
 
 /// Subtracts the smooth terms from a map of mean 0 and returns their amplitudes; outliers are

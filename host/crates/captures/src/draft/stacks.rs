@@ -5,6 +5,7 @@ use super::names::{self, Found};
 use super::{Based, Known};
 use crate::Role;
 use camrig_base::toml_text::seven_figures;
+use camrig_base::unit::Unit;
 use std::path::{Path, PathBuf};
 
 /// Relative change of the signal from one frame to the next above which another stack begins: lamps
@@ -107,23 +108,36 @@ fn folder_of(file: &FrameFile) -> PathBuf {
 }
 
 /// The text before and after the number of a frame in a file's name: the last word that is only
-/// digits, otherwise the digits at the end of the name.
+/// digits, otherwise the last digits that end a word, otherwise the last that begin one. The digits
+/// of a quantity, as of `0.1sec` and `120s`, are none.
 fn around_number(file: &str) -> (&str, &str) {
     let stem = file.rfind('.').unwrap_or(file.len());
-    let separator = |c: char| !c.is_alphanumeric();
-    let mut end = stem;
-    loop {
-        let start = file[..end].rfind(separator).map_or(0, |at| at + 1);
-        if start < end && file[start..end].chars().all(|c| c.is_ascii_digit()) {
-            return (&file[..start], &file[end..]);
+    let name = &file[..stem];
+    let is_digit = |c: char| c.is_ascii_digit();
+    let is_point = |mut next: [Option<char>; 2]| {
+        next[0].take_if(|c| matches!(c, '.' | ',')).is_some() && next[1].is_some_and(is_digit)
+    };
+    let (mut best, mut end) = (None, stem);
+    while let Some(last) = name[..end].rfind(is_digit) {
+        let to = last + 1;
+        let from = name[..to].trim_end_matches(is_digit).len();
+        end = from;
+        let (mut back, mut on) = (name[..from].chars().rev(), name[to..].chars());
+        let (before, after) = ([back.next(), back.next()], [on.next(), on.next()]);
+        let unit = name[to..].split(|c: char| !c.is_alphabetic()).next().unwrap_or("");
+        let separate = |c: [Option<char>; 2]| !c[0].is_some_and(char::is_alphanumeric);
+        let rank = match (separate(before), separate(after)) {
+            _ if is_point(before) || is_point(after) => 0,
+            (true, true) => 3,
+            (false, true) => 2,
+            (true, false) if Unit::parse(&unit.to_lowercase()).is_err() => 1,
+            _ => 0,
+        };
+        if rank > best.map_or(0, |(rank, _)| rank) {
+            best = Some((rank, [from, to]));
         }
-        if start == 0 {
-            break;
-        }
-        end = start - 1;
     }
-    let digits = file[..stem].trim_end_matches(|c: char| c.is_ascii_digit()).len();
-    (&file[..digits], &file[stem..])
+    best.map_or((name, &file[stem..]), |(_, [from, to])| (&file[..from], &file[to..]))
 }
 
 impl Conditions {
@@ -381,6 +395,12 @@ mod tests {
             ("dark_100ms_1.fits", "dark_100ms_", ".fits"),
             ("flat-1-2.png", "flat-1-", ".png"),
             ("dark.npy", "dark", ".npy"),
+            ("dark_0.1sec_frame0001.fit", "dark_0.1sec_frame", ".fit"),
+            ("dark_0.1sec.fit", "dark_0.1sec", ".fit"),
+            ("DarkBefore-001D120s.fit", "DarkBefore-", "D120s.fit"),
+            ("dark_120s.fit", "dark_120s", ".fit"),
+            ("flat_12_0.25s.fit", "flat_", "_0.25s.fit"),
+            ("dark.0001.fit", "dark.", ".fit"),
         ] {
             assert_eq!(around_number(name), (before, after), "{name}");
         }

@@ -6,7 +6,7 @@
 //! go through the origin, µ is the charge by the light (e⁻) and K the system gain (DN/e⁻).
 //!
 //!   black level:        m − m' of the reference dark stack, DN; its slope over the analog gain;
-//!                       the contrasts of the 2 x 2 phases of the offset map
+//!                       and over the temperature; the contrasts of the 2 x 2 phases of the offset map
 //!   quantum efficiency: ratio = ratio₀ (1 + ⟨m/m' − 1⟩) over the flats
 //!   system gain:        ratio = ratio₀ (1 + ⟨(v/v')/(m/m') − 1⟩), by photon transfer
 //!   nonlinearity:       m/m' − 1 = c − a xⁿ, x the level in full wells
@@ -44,6 +44,8 @@ const EXPONENT_STEPS: usize = 20;
 const EXPONENT_CHANGE: f64 = 1.0;
 /// Least number of means of flats from which a nonlinearity of three parameters is fitted.
 const MIN_POINTS: usize = 4;
+/// Least difference of temperature that shows a change of the black level, K.
+const MIN_KELVINS: f64 = 2.0;
 /// Singular values below this share of the largest one are taken as none.
 const SINGULAR: f64 = 1e-9;
 /// Least ratio of the longest to the shortest exposure of flats that shows an exposure offset.
@@ -76,6 +78,8 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
             plane_1_dn: 0.0,
             plane_2_dn: 0.0,
             plane_3_dn: 0.0,
+            per_kelvin_dn: 0.0,
+            reference_c: e.camera.sensor.noise.temperature_ref_c as f32,
         },
     };
     let own: Vec<Value> = (0..channel_count(e))
@@ -95,7 +99,49 @@ pub fn black_level(e: &Evidence<'_>) -> Vec<Proposal> {
     let mut out = vec![all.with("offset_dn", Value::new(offset, se))];
     out.extend(black_level_by_phase(e, common, se));
     out.extend(black_level_over_gain(e, present, reference));
+    out.extend(black_level_over_temperature(e, present, reference));
     out
+}
+
+/// Change of the `present` black level with temperature, DN: over the dark stacks that are as short
+/// as the shortest and have its gain.
+fn black_level_over_temperature(
+    e: &Evidence<'_>,
+    present: BlackLevelOffset,
+    reference: usize,
+) -> Option<Proposal> {
+    let first = &e.design.conditions[reference].stack;
+    let short = |c: &Condition| {
+        c.stack.exposure_s <= SHORT_DARK * first.exposure_s
+            && c.stack.analog_gain == first.analog_gain
+    };
+    let darks = e.of_role(Role::Dark).filter(|(_, c)| short(c));
+    // The level at the reference temperature is free: the common offset.
+    let points: Vec<(f64, Value)> = darks
+        .flat_map(|(i, c)| {
+            let kelvins = c.stack.temperature_c - f64::from(present.reference_c);
+            let of = move |k| e.difference(Place::Stack(i), What::Mean(k));
+            (0..channel_count(e)).filter_map(move |k| Some((kelvins, of(k)?)))
+        })
+        .collect();
+    let weight = |v: &Value| v.std_error.powi(-2);
+    let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
+        points.iter().map(|(t, v)| weight(v) * of(*t, v.value)).sum()
+    };
+    let n = sum(&|_, _| 1.0);
+    let (t, y) = (sum(&|t, _| t) / n, sum(&|_, y| y) / n);
+    let spread = sum(&|k, _| (k - t).powi(2));
+    if !(spread > 0.0) || points.iter().all(|p| (p.0 - points[0].0).abs() < MIN_KELVINS) {
+        return None;
+    }
+    let slope = Value::new(sum(&|k, y| (k - t) * y) / spread, spread.powf(-0.5));
+    let mut moved = present;
+    moved.per_kelvin_dn += slope.value as f32;
+    moved.offset_dn += (y - slope.value * t) as f32;
+    let p = Proposal::new("black-level-offset", moved.into(), slope.z().abs());
+    let offset = Value::new(moved.offset_dn.into(), n.powf(-0.5));
+    let p = p.with("per_kelvin_dn", Value { value: moved.per_kelvin_dn.into(), ..slope });
+    Some(p.with("reference_c", Value::chosen(moved.reference_c.into())).with("offset_dn", offset))
 }
 
 /// Black level of the four phases of a 2 x 2 pattern beside the `common` one, which has the

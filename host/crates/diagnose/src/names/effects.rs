@@ -1,5 +1,6 @@
 //! The test of each effect, its amounts, and the parameters that it gives.
 
+use super::gather::Given;
 use crate::candidates::proposal::Proposal;
 use crate::model::effects::current;
 use crate::report::Amount;
@@ -7,6 +8,7 @@ use camrig_base::{Value, tails};
 use camrig_camera::Camera;
 use camrig_estimates::Estimates;
 use camrig_estimates::flat::Flat;
+use camrig_fourier::sinc;
 use std::f64::consts::SQRT_2;
 
 /// Pixels of a share that a set must be able to show: two in ten thousand blink on common sensors.
@@ -15,8 +17,14 @@ const MIN_PIXELS: f64 = 5.0;
 /// Deviation from the median variance from which [`camrig_estimates::bias`] counts a pixel as
 /// noisy.
 const NOISY: f64 = 6.0;
-/// Twice the mains, Hz.
+/// Most columns that are listed by number.
+const MAX_LISTED: usize = 8;
+/// Chance from frame to frame that a blinking pixel is renewed, where the frames are too few to
+/// show it: between that of frames in close succession and of independent ones.
+const RENEWAL: f64 = 0.5;
+/// Twice the mains, Hz: that which is taken, and the other.
 const FLICKER_HZ: f64 = 100.0;
+const OTHER_HZ: f64 = 120.0;
 /// The power of a frequency over the median from which flicker stands out.
 const MIN_POWER: f64 = 30.0;
 
@@ -184,6 +192,11 @@ fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
             "even times odd frames of the bias, means of rows",
         ),
     ];
+    let slope = largest((0..2).map(|i| differs(d.pattern.slopes[i], m.pattern.slopes[i])));
+    let slope = Test::new("offset-slope", slope, "straight slope over the lines of the bias")
+        .with("left_to_right", d.pattern.slopes[0], "DN")
+        .with("top_to_bottom", d.pattern.slopes[1], "DN");
+    tests.push(Test { in_part: true, ..slope });
     if let (Some(d), Some(m)) = (d.frame_site_variance, m.frame_site_variance) {
         let shown_by = "means of the sites of the bias frames over time";
         tests.push(variance("frame-offset-by-site", d, m, shown_by));
@@ -279,15 +292,15 @@ fn of_blinking(data: &Estimates, model: &Estimates) -> Vec<Test> {
     let Some((share, seen)) = data.telegraph.share.zip(model.telegraph.share) else {
         return vec![read_out, Test::undecided(blinking, "needs exposed dark stacks")];
     };
-    if BLINKING_SHARE * pixels < MIN_PIXELS {
-        let why = "not decidable at this size: too few pixels for a share of 0.02 %";
-        return vec![read_out, Test::undecided(blinking, why)];
-    }
     let (count, by_chance) = (share.value * pixels, seen.value * pixels);
     let law = data.telegraph.chosen_in_longest.as_ref().and_then(|l| l.exponent);
     let grows = law.is_some_and(|p| p.value > 0.5);
     let z = (count - by_chance) / (by_chance + 0.25).sqrt().max(1.0);
     let z = if grows { z } else { 0.0 };
+    if count < MIN_PIXELS && BLINKING_SHARE * pixels < MIN_PIXELS {
+        let why = "not decidable at this size: too few pixels for a share of 0.02 %";
+        return vec![read_out, Test::undecided(blinking, why).with("share", share, "1")];
+    }
     if grows && (1.0..MIN_PIXELS).contains(&count.round()) {
         let why = "not decidable at this size: fewer than five pixels stand out";
         return vec![read_out, Test::undecided(blinking, why).with("share", share, "1")];
@@ -349,18 +362,20 @@ fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
         tests.push(with_sites(test, &roots, "1"));
     }
     tests.extend(of_light(brightest, of_model, data));
-    let new: Vec<usize> = brightest
-        .defective_columns
-        .iter()
-        .copied()
-        .filter(|x| !of_model.defective_columns.contains(x))
-        .collect();
-    let mut columns = Test::new(
-        "defective-columns",
-        if new.is_empty() { 0.0 } else { 2.0 * MIN_PIXELS },
-        "median gain of columns of the brightest flat",
+    let [count, given] = [brightest, of_model].map(|f| f.defective_columns.len() as f64);
+    let deviation = if count > given { 2.0 * MIN_PIXELS } else { 0.0 };
+    let shown_by = "median gain of columns of the brightest flat";
+    let mut columns = Test::new("defective-columns", deviation, shown_by).with(
+        "columns",
+        Value::new(count, 0.0),
+        "1",
     );
-    columns = columns.with("columns", Value::new(new.len() as f64, 0.0), "1");
+    for x in brightest.defective_columns.iter().take(MAX_LISTED) {
+        columns = columns.with("column", Value::new(*x as f64, 0.0), "px");
+    }
+    if let Some(gain) = brightest.defective_gain {
+        columns = columns.with("gain", gain, "1");
+    }
     tests.push(columns);
     tests
 }
@@ -369,12 +384,21 @@ fn level(flat: &Flat) -> f64 {
     flat.sites.iter().map(|s| s.level.value).sum::<f64>() / flat.sites.len().max(1) as f64
 }
 
+fn brightest(e: &Estimates) -> Option<&Flat> {
+    e.flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)))
+}
+
+/// Whether an effect is seen only in part, by as much as the model with it shows.
+pub(super) fn is_seen_in_part(effect: &str) -> bool {
+    effect == "dark-current-telegraph-noise"
+}
+
 /// Light that changes over rows and from frame to frame.
 fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
     let mut by_rows = 0.0;
     let mut tests = Vec::new();
     let shown_by = "waves of the row means of the brightest flat; one exposure shows frequency x \
-                    line time, not each";
+                    line time, not each: flats of another exposure tell them apart";
     let seen = d.flicker.fit.filter(|_| d.flicker.power_ratio > MIN_POWER);
     if let Some([frequency, depth]) = seen {
         let x = std::f64::consts::PI * frequency.value * data.size().1 as f64;
@@ -384,7 +408,10 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
         let test = Test::new("flicker-banding", z, shown_by)
             .with("cycles_per_row", frequency, "1/row")
             .with("depth_after_exposure", depth, "1")
-            .with("line_time_at_100_hz", frequency.scaled(1e6 / FLICKER_HZ), "us");
+            .with("line_time_at_100_hz", frequency.scaled(1e6 / FLICKER_HZ), "us")
+            .with("depth_at_100_hz", depth.scaled(1.0 / left_by(d.exposure_s, FLICKER_HZ)), "1")
+            .with("line_time_at_120_hz", frequency.scaled(1e6 / OTHER_HZ), "us")
+            .with("depth_at_120_hz", depth.scaled(1.0 / left_by(d.exposure_s, OTHER_HZ)), "1");
         tests.push(Test { in_part: true, ..test });
     } else {
         tests.push(Test::new("flicker-banding", 0.0, shown_by));
@@ -406,6 +433,12 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
     tests
 }
 
+/// What an exposure leaves of the depth of light that flickers; 1 where it leaves nothing.
+fn left_by(exposure_s: f64, frequency_hz: f64) -> f64 {
+    let left = sinc(frequency_hz * exposure_s).abs();
+    if left > 1e-3 { left } else { 1.0 }
+}
+
 /// The effect of the catalogue with what a test gives of its parameters: what the model has, plus
 /// the difference of the figures, each in electrons by its own gain.
 pub(super) fn proposal(
@@ -413,14 +446,14 @@ pub(super) fn proposal(
     data: &Estimates,
     model: &Estimates,
     camera: &Camera,
-    temperature_c: f64,
+    given: Given,
 ) -> Option<Proposal> {
     let present = |key: &str| -> Option<f64> {
         let effect = current(camera, test.effect)?;
         let at = effect.entry().parameters.iter().position(|p| p.key == key)?;
         effect.values().get(at).copied().map(f64::from)
     };
-    let gain_of_model = model.gain.map(|g| g.value)?;
+    let gain_of_model = model.gain.map_or(given.dn_per_e, |g| g.value);
     let gain = data.gain.map_or(gain_of_model, |g| g.value);
     let strength = test.deviation.abs();
     // σ² = σ₀² + what the captures have more than the model.
@@ -449,8 +482,7 @@ pub(super) fn proposal(
         }
         "prnu" => {
             let all = |e: &Estimates| {
-                let brightest = e.flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)))?;
-                Value::combine(brightest.sites.iter().map(|s| s.prnu_variance))
+                Value::combine(brightest(e)?.sites.iter().map(|s| s.prnu_variance))
             };
             sigma("sigma", all(data)?, all(model)?, [1.0, 1.0])
         }
@@ -462,7 +494,7 @@ pub(super) fn proposal(
         "dark-current" => {
             let (d, m) = (data.dark_current.as_ref()?, model.dark_current.as_ref()?);
             let noise = &camera.sensor.noise;
-            let kelvins = temperature_c - noise.temperature_ref_c;
+            let kelvins = given.temperature_c - noise.temperature_ref_c;
             let growth = libm::exp2(kelvins / noise.dark_doubling_c);
             let more = |d: Value, m: Value| d.value / gain - m.value / gain_of_model;
             let mean = noise.dark_current_e_per_s + more(d.median, m.median) / growth;
@@ -494,11 +526,42 @@ pub(super) fn proposal(
             let rate = mean.scaled(1.0 / gain);
             Proposal::of(test.effect, strength, [("fraction", fraction), ("mean_e_per_s", rate)])
         }
+        "dark-current-telegraph-noise" => {
+            let of = |e: &Estimates| Some((e.telegraph.share?, e.telegraph.median_jump?));
+            let (share, jump) = of(data)?;
+            // The median of an exponential law is ln 2 of its mean.
+            let had = present("fraction").zip(present("mean_e_per_s"));
+            let [part, unit] = match (had, of(model)) {
+                (Some((fraction, mean)), Some((seen, median))) if seen.value > 0.0 => {
+                    [fraction / seen.value, mean / median.value]
+                }
+                _ => [1.0, 1.0 / (gain * std::f64::consts::LN_2)],
+            };
+            let noise = &camera.sensor.noise;
+            Proposal::of(
+                test.effect,
+                strength,
+                [
+                    ("fraction", share.scaled(part)),
+                    ("mean_e_per_s", jump.scaled(unit)),
+                    ("renewal", Value::chosen(RENEWAL)),
+                    ("doubling_c", Value::chosen(noise.dark_doubling_c)),
+                    ("reference_c", Value::chosen(given.temperature_c)),
+                ],
+            )
+        }
+        "defective-columns" => {
+            let brightest = brightest(data)?;
+            let width = data.size().0 as f64;
+            let count = brightest.defective_columns.len() as f64;
+            let fraction = Value::new(count / width, count.sqrt() / width);
+            let law = [("fraction", fraction), ("gain", brightest.defective_gain?)];
+            Proposal::of(test.effect, strength, law)
+        }
         "flicker-banding" => {
-            let brightest = data.flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)))?;
+            let brightest = brightest(data)?;
             let [frequency, depth] = brightest.flicker.fit?;
-            let x = std::f64::consts::PI * FLICKER_HZ * brightest.exposure_s;
-            let left = if x > 1e-3 { (libm::sin(x) / x).abs() } else { 1.0 };
+            let left = left_by(brightest.exposure_s, FLICKER_HZ);
             Proposal::of(
                 test.effect,
                 strength,

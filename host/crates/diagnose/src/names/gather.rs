@@ -2,6 +2,7 @@
 
 use crate::data::design::{Condition, Stack as Taken};
 use crate::measured::{Measured, SEED};
+use crate::model::effects::dn_per_e;
 use crate::model::replicate;
 use camrig_base::{Plane, Result};
 use camrig_camera::Camera;
@@ -15,17 +16,27 @@ const MAX_SAMPLES: usize = 1 << 25;
 /// Seed of the simulated frames, apart from those of replicates.
 pub(super) const FRAMES_SEED: u64 = SEED + 500;
 
+/// What the stacks have in common.
+#[derive(Clone, Copy)]
+pub(super) struct Given {
+    pub temperature_c: f64,
+    /// DN per electron of the model.
+    pub dn_per_e: f64,
+}
+
 /// Whole stacks of one gain and temperature, and the part of the frames that is used.
 pub(super) struct Gathered {
     conditions: Vec<Condition>,
     sites: Sites,
+    /// DN per electron of the model, where the captures show none.
+    dn_per_e: f64,
     /// First column and row, columns and rows.
     part: [usize; 4],
 }
 
 impl Gathered {
     /// Of the gain and temperature with the most stacks, and of them the lowest gain.
-    pub(super) fn of(set: &Cleaned, measured: &Measured) -> Option<Self> {
+    pub(super) fn of(camera: &Camera, set: &Cleaned, measured: &Measured) -> Option<Self> {
         let mut all: Vec<Condition> = Vec::new();
         for c in [&measured.fit, &measured.holdout].iter().flat_map(|h| &h.design.conditions) {
             if !all.iter().any(|a| a.stack.capture == c.stack.capture) {
@@ -59,11 +70,13 @@ impl Gathered {
         };
         let ((x, w), (y, h)) = (part(width, cfa.width), part(height, cfa.height));
         let sites = Sites { across: cfa.width, down: cfa.height };
-        Some(Self { conditions: all, sites, part: [x, y, w, h] })
+        let dn_per_e = dn_per_e(camera, first.stack.analog_gain);
+        Some(Self { conditions: all, sites, dn_per_e, part: [x, y, w, h] })
     }
 
-    pub(super) fn temperature_c(&self) -> f64 {
-        self.conditions[0].stack.temperature_c
+    pub(super) fn given(&self) -> Given {
+        let temperature_c = self.conditions[0].stack.temperature_c;
+        Given { temperature_c, dn_per_e: self.dn_per_e }
     }
 
     /// The figures of the captures. The inner error says why there are none.
@@ -77,7 +90,7 @@ impl Gathered {
             Ok(self.stack(c, frames))
         };
         let stacks = self.conditions.iter().map(read).collect::<Result<Vec<_>>>()?;
-        Ok(estimate(&stacks, self.sites))
+        Ok(estimate(&stacks, self.sites, self.dn_per_e))
     }
 
     /// The same figures of frames that a camera simulates.
@@ -87,7 +100,7 @@ impl Gathered {
             Ok(self.stack(c, replicate::frames(camera, c, seed, &cut)?))
         };
         let stacks = self.conditions.iter().map(simulate).collect::<Result<Vec<_>>>()?;
-        Ok(estimate(&stacks, self.sites))
+        Ok(estimate(&stacks, self.sites, self.dn_per_e))
     }
 
     fn cut(&self, plane: &Plane<u16>) -> Plane<u16> {

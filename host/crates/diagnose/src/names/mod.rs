@@ -9,7 +9,7 @@
 mod effects;
 mod gather;
 
-use crate::candidates::proposal::Proposal;
+use crate::candidates::proposal::{Proposal, with_all};
 use crate::report::{Evidence, EvidenceStatus};
 use crate::search::Outcome;
 use camrig_base::{Result, tails};
@@ -22,6 +22,9 @@ use gather::{FRAMES_SEED, Gathered};
 /// Standard errors from which an effect stands out: of some thirty tests, one in sixty thousand
 /// sets has one by chance.
 const MIN_DEVIATION: f64 = 5.0;
+
+/// Estimates against the model with those before.
+const SIMULATED_ESTIMATES: usize = 2;
 
 /// What the captures show, and the conditions under which models are asked for the same.
 pub struct Names {
@@ -43,7 +46,7 @@ impl Names {
         set: &Cleaned,
         measured: &crate::Measured,
     ) -> Result<Option<Self>> {
-        let Some(gathered) = Gathered::of(set, measured) else { return Ok(None) };
+        let Some(gathered) = Gathered::of(camera, set, measured) else { return Ok(None) };
         let Ok(found) = gathered.measured(set)? else { return Ok(None) };
         let Ok(given) = gathered.simulated(camera, FRAMES_SEED)? else { return Ok(None) };
         let torn = measured.findings.iter().filter(|f| f.kind == Kind::TornFrames).map(torn);
@@ -51,13 +54,35 @@ impl Names {
     }
 
     /// The effects that stand out against the model as given, with their parameters.
-    pub(crate) fn proposals(&self, camera: &Camera) -> Vec<Proposal> {
+    ///
+    /// # Errors
+    /// A model that cannot be simulated.
+    pub(crate) fn proposals(&self, camera: &Camera) -> Result<Vec<Proposal>> {
         let tests = effects::all(&self.found, &self.given);
-        let out = tests.iter().filter(|t| t.deviation.abs() >= MIN_DEVIATION);
-        let temperature_c = self.gathered.temperature_c();
-        let of = |t: &Test| effects::proposal(t, &self.found, &self.given, camera, temperature_c);
-        let possible = out.filter_map(of).filter(Proposal::is_possible);
-        possible.map(|p| Proposal { by_evidence: true, ..p }).collect()
+        let of = |t: &Test, model: &Estimates, camera: &Camera| {
+            let given = self.gathered.given();
+            let p = effects::proposal(t, &self.found, model, camera, given)?;
+            p.is_possible().then_some(Proposal { by_evidence: true, ..p })
+        };
+        let out: Vec<&Test> =
+            tests.iter().filter(|t| t.deviation.abs() >= MIN_DEVIATION).collect();
+        let mut proposals: Vec<Proposal> =
+            out.iter().filter_map(|t| of(t, &self.given, camera)).collect();
+        // Not all of what blinks is seen: what the model with it shows tells how much.
+        for _ in 0..SIMULATED_ESTIMATES {
+            if !proposals.iter().any(|p| effects::is_seen_in_part(p.kind)) {
+                break;
+            }
+            let improved = with_all(camera, &proposals);
+            let Ok(model) = self.gathered.simulated(&improved, FRAMES_SEED)? else { break };
+            for p in proposals.iter_mut().filter(|p| effects::is_seen_in_part(p.kind)) {
+                let test = out.iter().find(|t| t.effect == p.kind);
+                if let Some(again) = test.and_then(|t| of(t, &model, &improved)) {
+                    *p = again;
+                }
+            }
+        }
+        Ok(proposals)
     }
 
     /// The largest deviation of frames that the model simulates with another seed, and its effect.

@@ -2,8 +2,8 @@
 //! edges, a transient at the start of each row in every frame.
 //!
 //! The means of a map's columns (rows) are fitted by a line and cosines. Each mean is one
-//! observation, so that differences of single columns are noise; the line is left to the
-//! catalogue's `dark-current-gradient`.
+//! observation, so that differences of single columns are noise; of dark current the line is left to
+//! the catalogue's `dark-current-gradient`.
 
 use super::lines::Lines;
 use super::seen::Seen;
@@ -25,12 +25,12 @@ use std::f64::consts::PI;
 
 /// Maps that are searched, each along both axes.
 const MAPS: [MapKind; 2] = [MapKind::DarkCurrent, MapKind::Offset];
-/// Numbers of cosines: for a smooth profile, and for one that is steep at an edge.
-const COSINES: [usize; 2] = [6, 19];
+/// Numbers of cosines: none for a straight slope of the offset, for a smooth profile, and for one that is steep at an edge.
+const COSINES: [usize; 3] = [0, 6, 19];
 /// Lines that a profile needs for each of its cosines.
 const MIN_LINES_PER_COSINE: usize = 3;
 /// Comparisons: maps, axes, numbers of cosines.
-const COMPARISONS: f64 = 8.0;
+const COMPARISONS: f64 = 12.0;
 /// Robust standard deviations from the profile beyond which a pixel is an outlier.
 const OUTLIER_Z: f64 = 4.0;
 /// Rounds in which outliers are found.
@@ -85,7 +85,7 @@ fn about(map: &Plane<f32>, lines: Lines, values: &[f64]) -> Vec<f32> {
 }
 
 /// The line of least squares through a profile whose mean is 0.
-fn slope(profile: &[f64]) -> Vec<f64> {
+pub(super) fn slope(profile: &[f64]) -> Vec<f64> {
     let n = profile.len() as f64;
     let at = |i: usize| i as f64 - (n - 1.0) / 2.0;
     let square: f64 = (0..profile.len()).map(|i| at(i).powi(2)).sum();
@@ -94,7 +94,7 @@ fn slope(profile: &[f64]) -> Vec<f64> {
 }
 
 /// Projection of a profile onto the first cosines, which are orthogonal over whole lines.
-fn smooth(profile: &[f64], cosines: usize) -> Vec<f64> {
+pub(super) fn smooth(profile: &[f64], cosines: usize) -> Vec<f64> {
     let n = profile.len() as f64;
     let mut out = vec![0.0; profile.len()];
     for j in 1..=cosines {
@@ -124,7 +124,10 @@ fn profile(fit: &View<'_>, held_out: &View<'_>, kind: MapKind, lines: Lines) -> 
         let values: Vec<f64> = line_a.iter().zip(&bent).map(|(l, c)| l + c).collect();
         let rest = less(&a, &values);
         // ln n for each cosine (Schwarz 1978); none was fitted to the held-out frames.
-        let straight = [square(&less(&a, &line_a)), square(&less(&b, &line_b))];
+        let straight = match kind {
+            MapKind::Offset => [square(&a), square(&b)],
+            _ => [square(&less(&a, &line_a)), square(&less(&b, &line_b))],
+        };
         let evidence = [
             n * libm::log(straight[0] / square(&rest)) - cosines as f64 * libm::log(n),
             n * libm::log(straight[1] / square(&less(&b, &values))),

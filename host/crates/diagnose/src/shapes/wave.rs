@@ -4,6 +4,7 @@
 //! The catalogue's `periodic-pattern-noise` has a new phase in each frame, and
 //! `readout-channel-mismatch` repeats every 2, 4 or 8 lines; both are left to it.
 
+use super::profile;
 use super::seen::Seen;
 use super::stage;
 use super::view::{View, change_mean, gain};
@@ -63,7 +64,10 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
         let pattern = fit.camera.sensor.pattern();
         let border = [pattern.width, pattern.height].map(usize::from);
         let [mut a, mut b] = [fit.levelled(a), held_out.levelled(b)];
-        [&mut a, &mut b].into_iter().for_each(|plane| clear_border(plane, border));
+        for plane in [&mut a, &mut b] {
+            remove_profiles(plane);
+            clear_border(plane, border);
+        }
         for _ in 0..MAX_WAVES {
             let Some(wave) = strongest(&mut a, &mut b, kind, fit.unit(kind), border) else {
                 break;
@@ -79,6 +83,22 @@ pub(crate) fn find(fit: &View<'_>, held_out: &View<'_>) -> Vec<Box<dyn Shape>> {
         }
     }
     found
+}
+
+/// Subtracts what is smooth over columns and over rows, so that no wave is found in it.
+fn remove_profiles(plane: &mut Plane<f32>) {
+    let smooth_of = |lines: Vec<f64>| -> Vec<f64> {
+        let line = profile::slope(&lines);
+        let bent: Vec<f64> = lines.iter().zip(&line).map(|(v, l)| v - l).collect();
+        let bent = profile::smooth(&bent, 2 * MAX_SMOOTH_PERIODS);
+        line.iter().zip(bent).map(|(l, b)| l + b).collect()
+    };
+    let [columns, rows] = line_means(plane).map(smooth_of);
+    for (row, of_row) in plane.data.chunks_mut(plane.width).zip(rows) {
+        for (v, of_column) in row.iter_mut().zip(&columns) {
+            *v -= (of_column + of_row) as f32;
+        }
+    }
 }
 
 /// Sets the outermost pixels, which are copies of others, to zero.
