@@ -144,6 +144,9 @@ fn frames_to_measure(halves: &Halves) -> usize {
 }
 
 #[cfg(test)]
+mod synthetic;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::report::{Amount, Evidence};

@@ -338,6 +338,23 @@ mod tests {
         Channels::new(&camera)
     }
 
+    /// 0.3 % of the pixels at 500 times the spread: a plain mean would leave 1.6 spreads on all
+    /// pixels, and a correlation of 0.7.
+    #[test]
+    fn outliers_are_no_correlation_of_neighbours() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(9);
+        let map = Plane::from_fn(96, 96, |x, y| {
+            let noise: f32 = StandardNormal.sample(&mut rng);
+            if (x * 31 + y * 57) % 331 == 0 { 500.0 } else { noise }
+        });
+        let s = describe(&map, &channels_of(96), true);
+        // Of 9216 independent pixels 0.0104 each.
+        assert!(s.correlation.iter().all(|c| c.abs() < 0.042), "{:?}", s.correlation);
+        assert!(s.corners.iter().all(|c| c.abs() < 4.0 / 12.0), "{:?}", s.corners);
+        // The outliers count as four deviations: 0.3 % of 16.
+        assert!((s.pixel_variance - 1.0).abs() < 0.11, "{}", s.pixel_variance);
+    }
+
     #[test]
     fn outliers_are_relative_to_their_own_channel() {
         let (w, h) = (128, 96);
