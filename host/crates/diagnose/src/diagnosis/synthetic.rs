@@ -8,6 +8,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
+use std::path::PathBuf;
 
 const BLACK: f64 = 100.0;
 const GAIN: f64 = 0.5;
@@ -95,7 +96,7 @@ impl Sensor {
     }
 
     /// Takes a set, and writes it beside the file of a camera without what is hidden.
-    fn take(&mut self, stacks: &[Taken]) -> (Camera, CaptureSet) {
+    fn take(&mut self, stacks: &[Taken]) -> (Camera, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
         let side = self.side;
@@ -106,9 +107,9 @@ impl Sensor {
         let mut manifest = format!("format = \"captures/1\"\n[sensor]\n{sensor}");
         for (i, taken) in stacks.iter().enumerate() {
             let values: Vec<u16> = (0..taken.frames).flat_map(|_| self.frame(*taken)).collect();
-            let mut file = std::fs::File::create(at.join(format!("{i}.npy"))).unwrap();
-            npy::write(&mut file, &format!("({}, {side}, {side})", taken.frames), &values)
-                .unwrap();
+            let mut file = npy::header("<u2", &format!("({}, {side}, {side})", taken.frames));
+            file.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+            std::fs::write(at.join(format!("{i}.npy")), file).unwrap();
             let role = if taken.light_e > 0.0 { "flat" } else { "dark" };
             write!(
                 manifest,
@@ -145,10 +146,8 @@ impl Sensor {
         )
         .unwrap();
         let camera = Camera::load(at.join("camera.toml").to_str().unwrap()).unwrap();
-        let set = CaptureSet::load(at).unwrap();
-        // Frames are read later: the folder stays until the process ends.
-        std::mem::forget(folder);
-        (camera, set)
+        // Frames are read later: the caller removes the folder.
+        (camera, folder.keep())
     }
 }
 
@@ -163,8 +162,11 @@ fn only_step(found: &Diagnosis, effect: &str, parameter: &str) -> (f64, f64) {
 }
 
 fn found(sensor: &mut Sensor, stacks: &[Taken]) -> Diagnosis {
-    let (camera, set) = sensor.take(stacks);
-    diagnose(&camera, set, &Options::default()).unwrap()
+    let (camera, folder) = sensor.take(stacks);
+    let set = CaptureSet::load(&folder).unwrap();
+    let found = diagnose(&camera, set, &Options::default()).unwrap();
+    std::fs::remove_dir_all(folder).unwrap();
+    found
 }
 
 fn is_near((value, error): (f64, f64), right: f64) {
@@ -266,14 +268,14 @@ fn more_pixels_never_give_fewer_names() {
     sensor.rate.iter_mut().for_each(|r| *r += 2.0);
     let stacks =
         [dark(0.0, 16), dark(5.0, 8), dark(20.0, 8), dark(40.0, 8), flat(2000.0), flat(5000.0)];
-    let (camera, set) = sensor.take(&stacks);
+    let (camera, folder) = sensor.take(&stacks);
     let right: BTreeSet<&str> =
         ["row-temporal-noise", "dark-current", "hot-pixels", "dark-current-telegraph-noise"]
             .into();
     let mut smaller = BTreeSet::new();
     for side in [48, 64, 96, 128, SIDE] {
         let at = (SIDE - side) / 2;
-        let part = set.within([at, at, side, side]).unwrap();
+        let part = CaptureSet::load(&folder).unwrap().within([at, at, side, side]).unwrap();
         let (camera, cleaned, measured) =
             measure(&camera, part, Keep::Moments, &Options::default()).unwrap();
         let names = Names::of(&camera, &cleaned, &measured).unwrap().unwrap();
@@ -284,5 +286,6 @@ fn more_pixels_never_give_fewer_names() {
         assert!(named.iter().all(|n| right.contains(&n[..])), "{side}: {named:?}");
         smaller = named;
     }
+    std::fs::remove_dir_all(folder).unwrap();
     assert_eq!(smaller.len(), right.len(), "{smaller:?}");
 }
