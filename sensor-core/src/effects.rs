@@ -7,8 +7,8 @@
 //! refuses any other); effects of one domain act in the order in which they are listed.
 //!
 //! # Adding an effect
-//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, domain, class,
-//! parameters with units and ranges) and its [`Stage`]; one line in the `catalogue!` below; one
+//! One file `effects/NAME.rs` with the `effect!` declaration (equation, source, closed form, domain,
+//! class, parameters with units and ranges) and its [`Stage`]; one line in the `catalogue!` below; one
 //! feature in `Cargo.toml`; one test. Numbers in the catalogue name random streams and travel over
 //! the rig's link, and so do the parameters by their order: neither ever changes. Another parameter
 //! comes last, with a default that leaves the effect what it was: older hosts do not send it.

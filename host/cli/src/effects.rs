@@ -53,7 +53,8 @@ pub(super) fn describe(effect: &EffectKind) {
     println!("\nacts on {}{number}", effect.acts);
     if let Some(test) = effect.test() {
         println!(
-            "checked against its closed form in f32 and fixed point: sensor-core, test {test}"
+            "checked against its closed form over its range, in f32 and fixed point: sensor-core, \
+             test {test}"
         );
     }
     println!("\n[[effect]]\nkind = {:?}", effect.kind);
@@ -82,6 +83,7 @@ pub(super) fn as_json(effect: &EffectKind) -> serde_json::Value {
     json!({
         "kind": effect.kind, "number": effect.number, "acts_on": effect.acts,
         "domain": effect.acts, "test": effect.test(), "doc": effect.doc.trim(),
+        "closed_form": effect.closed_form().split_whitespace().collect::<Vec<_>>().join(" "),
         "parameters": parameters.collect::<Vec<_>>(),
         "words": effect.words.iter().map(|w| json!({
             "key": w.key, "doc": w.doc, "values": w.values, "required": w.required,

@@ -11,6 +11,8 @@ effect! {
     /// q += Poisson(t I exp(−d²/(2w²))), where t is the exposure and d the distance from that
     /// place in half widths of the array. It depends neither on temperature nor on the light.
     /// Janesick 2001, section 7.
+    ///
+    /// Closed form: mean t I exp(−d²/(2w²)) e⁻ at a distance d, temporal variance the same.
     AmpGlow, "amp-glow", Charge, Dark, Pixel {
         /// Rate at the brightest place
         rate_e_per_s: "e-/s", 0.0..=1e5;

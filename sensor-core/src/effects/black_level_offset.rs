@@ -10,6 +10,9 @@ effect! {
     /// DN += b + b_G (G − 1) + b_t t + b_p + b_T (T − T_ref) before rounding, where G is the
     /// analogue gain, t the exposure, T the temperature, and p = 2 (y mod 2) + x mod 2 the colour
     /// plane of a 2x2 pattern.
+    ///
+    /// Closed form: without light and noise every pixel reads b_0, the black level, and these terms,
+    /// in DN, rounded.
     BlackLevelOffset, "black-level-offset", Voltage, Response, Pixel {
         /// Constant part
         offset_dn: "DN", -1e4..=1e4, default 0.0;

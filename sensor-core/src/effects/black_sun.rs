@@ -8,6 +8,8 @@ effect! {
     /// Double sampling then subtracts signal from signal, and the brightest spots turn dark.
     ///
     /// n = 0 where the photo-electrons of the exposure exceed k W, with W the full well.
+    ///
+    /// Closed form: 0 above k W, the light as it was below.
     BlackSun, "black-sun", Photo, Response, Pixel {
         /// Light k in full wells from which pixels turn dark
         onset: "full wells", 1.0..=1e4;

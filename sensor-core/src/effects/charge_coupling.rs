@@ -12,6 +12,9 @@ effect! {
     /// `diagonal` at the corners, and 1 minus their sum in the centre. Beyond the edges the array
     /// continues as its mirror image, so a flat field stays flat. Charge is conserved, except what
     /// crosses those edges. Moore, Ninkov & Forrest 2004.
+    ///
+    /// Closed form: a spot becomes the kernel; in a flat the covariance of pixels at a distance is
+    /// µ times the autocorrelation of the kernel there.
     ChargeCoupling, "charge-coupling", Charge, Response, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
         side: "1", 0.0..=0.125;

@@ -8,6 +8,8 @@ effect! {
     /// microlenses receive oblique light there.
     ///
     /// µ *= 1 + k_c r² for channel c, with r the distance from the centre, 1 at the corners.
+    ///
+    /// Closed form: µ (1 + k_c r²) at a distance r.
     ColourShading, "colour-shading", Light, Response, Pixel {
         /// Change at the corners, first channel
         channel_0: "1", -0.9..=2.0, default 0.0;

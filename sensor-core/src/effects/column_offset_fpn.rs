@@ -11,6 +11,8 @@ effect! {
     /// the second part is that of dark current in the columns' storage, which grows with exposure
     /// and temperature as [`dark_current`](super::dark_current) does, without shot noise.
     /// Input-referred. EMVA 1288 release 4.0, column part of DSNU.
+    ///
+    /// Closed form: variance of column means σ² + d², of their differences between frames 0.
     ColumnOffsetFpn, "column-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over columns
         sigma_e: "e-", 0.0..=1e5;

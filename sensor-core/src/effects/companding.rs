@@ -9,6 +9,8 @@ effect! {
     ///
     /// The response has slope 1 up to the first knee, the first slope between the knees, and the
     /// second slope beyond the second knee. Knees are given on the scale before compression.
+    ///
+    /// Closed form: for a ramp three straight lines, which meet at the knees.
     Companding, "companding", Voltage, Response, Pixel {
         /// First knee as a fraction of the converter's range
         knee_1: "1", 0.0..=1.0;

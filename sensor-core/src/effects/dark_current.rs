@@ -13,6 +13,9 @@ effect! {
     /// are as stated even where the normal law reaches below zero. N_dark of eq. 10 of Chen et al.
     /// 2009; doubling temperature as in EMVA 1288. Valid over some 40 K, where one doubling
     /// temperature holds.
+    ///
+    /// Closed form: mean t I 2^((T − T_ref)/T_d), temporal variance the same, spread of the pixels'
+    /// means t σ 2^((T − T_ref)/T_d).
     DarkCurrent, "dark-current", Charge, Dark, Pixel {
         /// Mean over pixels at the reference temperature
         mean_e_per_s: "e-/s", 0.0..=1e6;

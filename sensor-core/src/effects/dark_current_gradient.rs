@@ -12,6 +12,8 @@ effect! {
     /// q += Poisson(t g I (1 + u cos θ + v sin θ)/2), not below 0, with u, v in −1..1 over the
     /// array and g the growth with temperature as in [`dark_current`](super::dark_current). It
     /// adds to the uniform dark current.
+    ///
+    /// Closed form: mean t g I (1 + u cos θ + v sin θ)/2, temporal variance the same.
     DarkCurrentGradient, "dark-current-gradient", Charge, Dark, Pixel {
         /// Rate at the middle of the far edge, at the reference temperature
         rate_e_per_s: "e-/s", 0.0..=1e6;

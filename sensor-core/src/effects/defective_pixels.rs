@@ -10,6 +10,8 @@ effect! {
     /// µ *= g for a fixed fraction f of the pixels: they collect less light, and their shot noise
     /// is that of what they collect. Chen et al. 2009, section VI: defects that only the captures
     /// show.
+    ///
+    /// Closed form: a share f of the pixels has mean and temporal variance gµ.
     DefectivePixels, "defective-pixels", Light, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;

@@ -10,6 +10,8 @@ effect! {
     ///
     /// t' = s round(t/s) + δ, not below 0; light and dark charge follow t'. Several of
     /// these in a chain act one after the other.
+    ///
+    /// Closed form: max(s round(t/s) + δ, 0)/t times the light and the dark charge.
     ExposureOffset, "exposure-offset", Light, Response, Pixel {
         /// Error δ
         offset_us: "us", -1e4..=1e4, default 0.0;

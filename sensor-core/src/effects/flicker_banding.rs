@@ -12,6 +12,9 @@ effect! {
     /// µ *= 1 + A sinc(f t) sin(2π(f (y t_row + t/2) + φ_frame)), which is the mean of 1 + A
     /// sin(2πf τ) over the row's exposure t. sinc(x) = sin(πx)/(πx), and φ is uniform in each
     /// frame.
+    ///
+    /// Closed form: in a frame the row means are a sine over y of frequency f t_row and relative
+    /// amplitude A sinc(f t).
     FlickerBanding, "flicker-banding", Light, Response, Pixel {
         /// Depth A of the light's modulation
         depth: "1", 0.0..=1.0;

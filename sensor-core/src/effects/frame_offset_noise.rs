@@ -12,6 +12,8 @@ effect! {
     /// σ² and autocorrelation φ^|h|. Any frame can be computed without the others: o_n is the sum
     /// of the last frames' innovations until their weight falls below 0.001. Input-referred. EMVA
     /// 1288 release 4.0, section 2.5.
+    ///
+    /// Closed form: the frames' means have variance σ² G^(2p) and autocorrelation φ^|h|.
     FrameOffsetNoise, "frame-offset-noise", Voltage, Temporal, Pixel {
         /// Standard deviation over frames
         sigma_e: "e-", 0.0..=1e5;

@@ -13,6 +13,8 @@ effect! {
     /// µ *= 1 + A cos(2π(φ + f (u cos θ + v sin θ)/2)), with u, v in −1..1 over the array and φ
     /// fixed: a wedge with f fringes across. f is 2 n Δd/λ for a change of thickness Δd, so the
     /// parameters hold for one wavelength.
+    ///
+    /// Closed form: a flat becomes a wave of f periods across and relative amplitude A.
     Fringing, "fringing", Light, Pattern, Pixel {
         /// Amplitude A
         amplitude: "1", 0.0..=0.9;

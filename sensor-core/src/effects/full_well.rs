@@ -9,6 +9,8 @@ effect! {
     /// q = min(q, W), with W as in eq. 11 of Chen et al. 2009. With a knee k the transition is
     /// soft, as the pixel loses charge before it is full: q − kW ln(1 + exp((q − W)/(kW))), which
     /// at W lies below W by kW ln 2. Janesick 2007.
+    ///
+    /// Closed form: min(q, W); with a knee, W − kW ln 2 at q = W.
     FullWell, "full-well", Charge, Response, Pixel {
         /// Linear full well
         full_well_e: "e-", 1.0..=524287.0;

@@ -16,6 +16,9 @@ effect! {
     /// et al. 2021 (ELD) find 0.3 to 0.55 for read and row noise. Read noise and row offsets of
     /// `[sensor.noise]` stand before it, and a further gain stage adds its share to those before.
     /// EMVA 1288 release 4.0, section 2.2, for the chain with its gain in one place.
+    ///
+    /// Closed form: behind a share s of the gain, offsets and noise in DN are G^(1 − s) times those
+    /// at unity gain.
     GainStage, "gain-stage", Voltage, Response, Pixel {
         /// Share s of the gain, as a power of it
         share: "1", 0.0..=1.0, default 1.0;

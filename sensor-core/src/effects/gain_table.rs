@@ -17,6 +17,8 @@ effect! {
     /// the analogue gain is G_a, and codes are multiplied: DN' = round((DN − b) G/G_a) + b, clamped
     /// to the converter's range. As a stage it limits the charge: q = min(q, W(G)). Janesick 2007,
     /// ch. 11; the tables of Wei et al. 2021 (ELD) are of this kind.
+    ///
+    /// Closed form: at a place its numbers; in the middle of two (on ln G) their geometric mean.
     GainTable, "gain-table", Charge, Response, Pixel {
         /// Gain G_a at which the analogue gain ends
         digital_above: "1", 1e-3..=1e6, default 1e6;

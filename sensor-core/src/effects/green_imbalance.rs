@@ -11,6 +11,9 @@ effect! {
     /// corners: + in rows with red (channel 0), − in the others. So g is the relative difference
     /// Gr − Gb. It acts before shot noise, on 2x2 patterns of three or four channels with red first
     /// and blue last, and on no others.
+    ///
+    /// Closed form: (Gr − Gb)/mean = g_0 in the centre and g_1 in the corners; variance of each as
+    /// of its mean.
     GreenImbalance, "green-imbalance", Light, Pattern, Pixel {
         /// Difference g_0 in the centre
         centre: "1", -0.5..=0.5;

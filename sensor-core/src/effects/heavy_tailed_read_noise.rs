@@ -12,6 +12,8 @@ effect! {
     /// (1/(1+2λ) − B(1+λ, 1+λ)) its variance. λ = 0.14 is close to normal, 0 is logistic (kurtosis
     /// 4.2), −0.2 has very heavy tails. For |λ| below 0.01 the logistic limit is used. It adds to
     /// the white read noise; set that to 0 to have this alone. Tukey 1962; Wei et al. 2020.
+    ///
+    /// Closed form: variance σ² G^(2p); quantiles σ G^p Q(u)/s.
     HeavyTailedReadNoise, "heavy-tailed-read-noise", Voltage, Temporal, Pixel {
         /// Standard deviation
         sigma_e: "e-", 0.0..=1e5;

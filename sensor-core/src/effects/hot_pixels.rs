@@ -13,6 +13,9 @@ effect! {
     /// A fixed fraction f of the pixels generates −s ln(u) e⁻/s more at the reference temperature,
     /// with u uniform, with shot noise, and growing with temperature as the dark current does.
     /// Widenhorn et al. 2002.
+    ///
+    /// Closed form: a share f exp(−x/s) of the pixels has an excess rate above x at the reference
+    /// temperature.
     HotPixels, "hot-pixels", Charge, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;

@@ -16,6 +16,8 @@ effect! {
     /// frames, so this one is the last of them. It reaches back one frame only: lag is not passed
     /// on a second time. A frame without a predecessor follows darkness. Janesick 2001; Fossum &
     /// Hondongwa 2014.
+    ///
+    /// Closed form: mean and variance µ + l (min(µ_before, W) − min(µ, W)); frames independent.
     ImageLag, "image-lag", Light, Response, PreviousFrame {
         /// Fraction l that stays behind
         fraction: "1", 0.0..=0.5;

@@ -8,6 +8,8 @@ effect! {
     /// Light flicker: the light differs from frame to frame (jitter of lamp or shutter).
     ///
     /// µ *= 1 + σ z(frame), with z standard normal. EMVA 1288 release 4.0, section 6.6.
+    ///
+    /// Closed form: over frames the relative standard deviation of the frame mean is σ.
     LightFlicker, "light-flicker", Light, Response, Pixel {
         /// Standard deviation over frames of the relative light
         sigma: "1", 0.0..=0.14;

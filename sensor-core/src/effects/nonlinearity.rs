@@ -8,6 +8,8 @@ effect! {
     /// Non-linearity: the gain of the source follower falls as the signal rises.
     ///
     /// v' = v (1 − a (v/W)^n) for v > 0, with W the full well. Janesick 2007.
+    ///
+    /// Closed form: v (1 − a (v/W)^n) for a ramp.
     Nonlinearity, "nonlinearity", Voltage, Response, Pixel {
         /// Loss a at full well
         loss: "1", -0.5..=0.5;

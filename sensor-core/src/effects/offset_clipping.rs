@@ -8,6 +8,9 @@ effect! {
     /// before the black level of the file is added.
     ///
     /// v = max(v, level), with the level relative to the black level.
+    ///
+    /// Closed form: max(v, level); of normal noise σ around m, mean and variance are those of a
+    /// censored normal law.
     OffsetClipping, "offset-clipping", Voltage, Response, Pixel {
         /// Lowest signal
         level_e: "e-", -1e4..=1e4, default 0.0;

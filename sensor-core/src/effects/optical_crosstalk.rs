@@ -13,6 +13,9 @@ effect! {
     /// conserved, except what crosses the edges of the array. There is one kernel for all
     /// wavelengths: as diffusion grows with wavelength, the parameters hold for the light with
     /// which they were measured. Chen et al. 2009, section IV-C.
+    ///
+    /// Closed form: a spot becomes the kernel; in a flat neighbours stay independent, with variance
+    /// µ.
     OpticalCrosstalk, "optical-crosstalk", Light, Response, Neighbours {
         /// Fraction that goes to the left and to the right neighbour, each
         side: "1", 0.0..=0.125;

@@ -8,6 +8,8 @@ effect! {
     ///
     /// v += σ z(x, y), with z standard normal and fixed. Input-referred. The part of EMVA 1288's
     /// DSNU that does not grow with exposure.
+    ///
+    /// Closed form: spread of the pixels' means σ at any exposure.
     PixelOffsetFpn, "pixel-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over pixels
         sigma_e: "e-", 0.0..=1e5;

@@ -13,6 +13,9 @@ effect! {
     /// and others not at all: the autocovariance of a box of one pixel's area (Bartlett's triangle
     /// along rows and columns). `prnu` is added for the part that is independent from pixel to
     /// pixel. Valid where `prnu` is.
+    ///
+    /// Closed form: relative response of variance σ², correlated by 1/2 between neighbours in rows
+    /// and columns, 1/4 over the diagonal, 0 beyond.
     PrnuCorrelated, "prnu-correlated", Photo, Pattern, Pixel {
         /// Standard deviation over pixels of the relative gain
         sigma: "1", 0.0..=0.14;

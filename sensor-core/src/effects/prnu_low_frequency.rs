@@ -12,6 +12,9 @@ effect! {
     /// n *= 1 + m(x, y), with m = Σ c_ij cos(iπ(u+1)/2) cos(jπ(v+1)/2) over i, j = 0..=order
     /// without (0, 0). The c_ij are normal and fixed, and scaled so that the mean square of m over
     /// sensors and pixels is σ². EMVA 1288 release 4.0, annex C.5.
+    ///
+    /// Closed form: mean square of the relative response σ² over sensors and pixels; no terms above
+    /// the order.
     PrnuLowFrequency, "prnu-low-frequency", Photo, Pattern, Pixel {
         /// Root mean square of m
         sigma: "1", 0.0..=0.14;

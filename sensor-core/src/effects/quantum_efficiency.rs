@@ -8,6 +8,8 @@ effect! {
     /// wavelengths alike.
     ///
     /// µ *= r. The mean changes, and the shot noise with it; the gain does not.
+    ///
+    /// Closed form: mean and variance r times those without it.
     QuantumEfficiency, "quantum-efficiency", Light, Response, Pixel {
         /// Photo-electrons relative to what the curve gives
         ratio: "1", 0.0..=10.0;

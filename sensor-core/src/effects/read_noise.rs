@@ -14,6 +14,9 @@ effect! {
     /// 10 of Chen et al. 2009 (white part, which falls as the analogue gain rises). For a
     /// different value in each pixel see the effect `read-noise-spread`; a `gain-table` may give it
     /// gain by gain.
+    ///
+    /// Closed form: variance r² − r_post² + (r_post/G)² in every pixel, input-referred; 0 between
+    /// pixels and frames.
     ReadNoise, "read-noise", Voltage, Temporal, Pixel {
         /// Standard deviation at unity gain
         read_e: "e-", 0.0..=1e5;

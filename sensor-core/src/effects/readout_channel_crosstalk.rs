@@ -8,6 +8,8 @@ effect! {
     /// either side, and couple into each other.
     ///
     /// v(x) += c v(W − 1 − x): a faint mirror image. Freyhammer et al. 2001.
+    ///
+    /// Closed form: a spot of v at column x has an image of c v at column W − 1 − x.
     ReadoutChannelCrosstalk, "readout-channel-crosstalk", Voltage, Response, Pixel {
         /// Coupling c
         coupling: "1", -0.1..=0.1;

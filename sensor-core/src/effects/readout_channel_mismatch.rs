@@ -10,6 +10,9 @@ effect! {
     ///
     /// v = v (1 + σ_g z_g(x mod n)) + σ_o z_o(x mod n), with z standard normal and fixed.
     /// Input-referred.
+    ///
+    /// Closed form: column means repeat every n columns, with variance σ_o² + σ_g² v² over the
+    /// channels.
     ReadoutChannelMismatch, "readout-channel-mismatch", Voltage, Pattern, Pixel {
         /// Channels n
         channels: "1", 1.0..=16.0;

@@ -11,6 +11,8 @@ effect! {
     /// temperature. Correlated double sampling removes all but a part of it. Janesick 2007,
     /// section
     /// 7.
+    ///
+    /// Closed form: variance k T C/q² times the square of the part that remains.
     ResetNoise, "reset-noise", Voltage, Temporal, Pixel {
         /// Capacitance of the sense node
         capacitance_ff: "fF", 0.0..=1e3;

@@ -24,6 +24,9 @@ effect! {
     /// there to h = L (for j = 0 it is that of a square wave). Any row can be computed without the
     /// others, and frames are independent. Input-referred. After the octave sums of Voss (Gardner
     /// 1978) and the wavelet synthesis of 1/f noise (Wornell 1993).
+    ///
+    /// Closed form: row means have variance σ² G^(2p), and the sum of the octaves' autocovariances
+    /// as theirs.
     RowCorrelatedNoise, "row-correlated-noise", Voltage, Temporal, Pixel {
         /// Standard deviation of a row's offset
         sigma_e: "e-", 0.0..=1e5;

@@ -10,6 +10,9 @@ effect! {
     ///
     /// v += σ z(y, frame), with z standard normal, white over rows and frames. Input-referred. Wei
     /// et al. 2020.
+    ///
+    /// Closed form: over frames the variance of a row mean is σ² G^(2p) above that of its white
+    /// noise; other rows and frames are independent.
     RowTemporalNoise, "row-temporal-noise", Voltage, Temporal, Pixel {
         /// Standard deviation over frames of a row's offset
         sigma_e: "e-", 0.0..=1e5;

@@ -15,6 +15,8 @@ effect! {
     /// 1e-7 below 16, where counts rarer than 6e-8 do not occur. The bench `sensor` prints
     /// chi-square over 1e8 draws. For exact counts see the effect `exact-shot-noise` (feature of
     /// the same name).
+    ///
+    /// Closed form: mean µ, variance µ, third central moment µ; pixels and frames independent.
     ShotNoise, "shot-noise", Light, Shot, Pixel {}
 }
 

@@ -8,6 +8,9 @@ effect! {
     ///
     /// A fixed fraction f of the pixels reads black level + `level` x (2^bits − 1) DN at any
     /// analogue gain, since what is stuck lies at the converter's input; 1 and above is stuck white.
+    ///
+    /// Closed form: a share f of the pixels reads black level + level x (2^bits − 1) DN, rounded,
+    /// without noise.
     StuckPixels, "stuck-pixels", Voltage, Defect, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;

@@ -70,6 +70,11 @@ impl EffectKind {
         self.number.map(|_| self.kind.replace('-', "_"))
     }
 
+    /// What it does to a known signal, in closed form: what its test holds it against.
+    pub fn closed_form(&self) -> &'static str {
+        self.doc.split_once("Closed form: ").map_or("", |(_, form)| form.trim())
+    }
+
     /// Every kind that a camera file may name, those of the optics first.
     pub fn all() -> impl Iterator<Item = Self> {
         let optical = OpticalEffect::CATALOGUE.iter().map(|e| Self {

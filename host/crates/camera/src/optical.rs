@@ -102,7 +102,8 @@ impl OpticalEffect {
             doc: "Defocus: the sensor lies out of the focus of the lens.\n\n\
                   Wavefront error δ/(8 Nw²) at the pupil's edge, Nw the image-side f-number; OTF \
                   of Hopkins 1955 for a perfect lens, traced for a prescription. A characterised \
-                  lens knows no wavefront and cannot be defocused.",
+                  lens knows no wavefront and cannot be defocused.\n\n\
+                  Closed form: the MTF of a defocused perfect lens as Hopkins gives it.",
             parameters: &[parameter(
                 "shift_um",
                 "um",
@@ -116,7 +117,9 @@ impl OpticalEffect {
             kind: "lateral-colour",
             doc: "Lateral colour: the image has another size at each wavelength.\n\n\
                   Radial displacement in proportion to the height; 0 at 550 nm, linear in \
-                  wavelength between 450, 550 and 650 nm, constant beyond.",
+                  wavelength between 450, 550 and 650 nm, constant beyond.\n\n\
+                  Closed form: a point at the height h lies h/h_corner times the \
+                  displacement further out at 450 and 650 nm.",
             parameters: &[
                 parameter(
                     "blue_px",
@@ -139,7 +142,8 @@ impl OpticalEffect {
             kind: "distortion",
             doc: "Distortion: points lie elsewhere in the image than the lens model has them.\n\n\
                   Real height = h·(size + k1·r² + k2·r⁴), r = h over the half diagonal of the \
-                  sensor (Brown 1966); size is another object distance.",
+                  sensor (Brown 1966); size is another object distance.\n\n\
+                  Closed form: the height of a point, by the equation.",
             parameters: &[
                 parameter("k1", "1", "Third-order change in the corner", (-0.1, 0.2), Some(0.0)),
                 parameter("k2", "1", "Fifth-order change in the corner", (-0.02, 0.1), Some(0.0)),
@@ -151,7 +155,9 @@ impl OpticalEffect {
             kind: "decentre-tilt",
             doc: "Decentred sensor: the optical axis does not meet its centre.\n\n\
                   Distortion, fall-off and field-dependent blur are about the axis; the scene \
-                  stays centred on the sensor.",
+                  stays centred on the sensor.\n\n\
+                  Closed form: fall-off and displacement of a point by its distance from the axis, \
+                  not from the centre.",
             parameters: &[
                 parameter(
                     "x_px",
@@ -168,7 +174,8 @@ impl OpticalEffect {
             kind: "lens-transmittance",
             doc: "Transmittance of the lens: it passes another share of the light than [lens] \
                   says.\n\n\
-                  Irradiance ·= factor + slope·(λ − 550 nm)/100 nm, at least 0.",
+                  Irradiance ·= factor + slope·(λ − 550 nm)/100 nm, at least 0.\n\n\
+                  Closed form: electrons times factor at 550 nm, by the slope elsewhere.",
             parameters: &[
                 parameter("factor", "1", "Factor at 550 nm", (0.01, 2.0), None),
                 parameter("slope", "1", "Change per 100 nm towards red", (-0.5, 0.5), Some(0.0)),
@@ -179,7 +186,9 @@ impl OpticalEffect {
             kind: "veiling-glare",
             doc: "Veiling glare: light scattered in the lens lies over the whole image \
                   (ISO 9358).\n\n\
-                  E = (1 − g)·E + g·mean of E over the frame, per wavelength.",
+                  E = (1 − g)·E + g·mean of E over the frame, per wavelength.\n\n\
+                  Closed form: in a frame half black and half white, black reads g/2 of \
+                  white's light without glare.",
             parameters: &[parameter(
                 "fraction",
                 "1",

@@ -48,13 +48,18 @@ fn all_mistakes_are_named_in_one_message() {
     }
 }
 
+#[test]
+fn every_effect_says_its_closed_form() {
+    for kind in crate::EffectKind::all() {
+        assert!(kind.closed_form().ends_with('.'), "{}: {:?}", kind.kind, kind.closed_form());
+    }
+}
+
 /// Dark patterns grow with temperature by the sensor's law unless they have one of their own.
 #[test]
 fn dark_patterns_grow_as_the_dark_current() {
-    let text = GOOD.replace(
-        "[sensor.noise]",
-        "[sensor.noise]\ndark_doubling_c = 5.5\ntemperature_ref_c = 40",
-    );
+    let text = GOOD.replace("dark_doubling_c = 7.0", "dark_doubling_c = 5.5");
+    let text = text.replace("temperature_ref_c = 25.0", "temperature_ref_c = 40");
     let hot = "\n[[effect]]\nkind = \"hot-pixels\"\nfraction = 0.01\nmean_e_per_s = 10\n";
     let values = |more: &str| {
         let text = format!("{text}{hot}{more}");
