@@ -1,7 +1,8 @@
 //! `camrig scene spectral`.
 
 use super::Output;
-use camrig_base::{Error, Result};
+use crate::notes::Notes;
+use camrig_base::{Bands, Error, Result};
 use camrig_calibrate::reflectance::{
     LinearFrame, Reference, Reflectance, Settings, read_training,
 };
@@ -68,6 +69,10 @@ pub fn spectral(args: &SpectralArgs) -> Result<()> {
         noise: args.noise,
     };
     let estimate = Reflectance::estimate(&frame, &camera, &settings)?;
+    let [first, last] = [0, Bands::VISIBLE.count - 1].map(|band| Bands::VISIBLE.edges_nm(band));
+    let known = [first[0], last[1]];
+    let beyond = camrig_render::light_beyond_a_chart(&camera, &estimate.light, known);
+    Notes::default().tell(beyond);
     let name = args.to.output.file_name().and_then(|n| n.to_str()).unwrap_or("scene");
     let light = &estimate.light.name;
     let source = format!("{} seen by {} under {light}", args.frame.display(), camera.name);

@@ -67,7 +67,7 @@ pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
 pub use metadata::{describe_merged, dng_info, frame_info};
 pub use motion_stage::MotionStage;
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
-pub use reach::missing;
+pub use reach::{light_beyond_a_chart, missing};
 pub use sequence_stage::SequenceStage;
 
 use camrig_base::Result;

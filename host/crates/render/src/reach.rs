@@ -145,6 +145,25 @@ pub fn missing(camera: &Camera, header: &CubeHeader) -> Option<String> {
     ))
 }
 
+/// What spectra of a chart that end at two wavelengths, nm, do not know of what `camera` sees of
+/// it: the share of the signal of a grey that is light beyond them.
+#[must_use]
+pub fn light_beyond_a_chart(
+    camera: &Camera,
+    light: &Illuminant,
+    data_nm: [f64; 2],
+) -> Option<String> {
+    let share = Sight::new(camera, Some(light)).outside(data_nm)?;
+    let kind = if share > WARNED { "warning: " } else { "" };
+    let ([from, to], name) = (data_nm, &light.name);
+    Some(format!(
+        "{kind}the chart's spectra are known from {from} to {to} nm: {:.1} % of the signal of a \
+         grey under {name} is light beyond, which is taken for light within; cut it off with a \
+         filter",
+        100.0 * share
+    ))
+}
+
 /// The first band that counts, and how many do.
 fn seen(signal: &[Vec<f64>]) -> (usize, usize) {
     let count = signal.first().map_or(0, Vec::len);
@@ -168,6 +187,51 @@ fn seen(signal: &[Vec<f64>]) -> (usize, usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The signal of a lamp of 850 nm, beside one of 550 nm of the same power, of every built-in
+    /// camera: those with a filter see next to none of it, those without what their table says.
+    #[test]
+    fn cameras_without_an_infrared_cut_see_a_lamp_of_850_nm() {
+        let line = |nm: f64| {
+            let nm = vec![nm - 10.0, nm, nm + 10.0];
+            Spectrum::new(nm, vec![0.0, 1.0, 0.0]).unwrap().outside(camrig_base::Outside::Zero)
+        };
+        for name in camrig_camera::presets::names() {
+            let camera = Camera::load(name).unwrap();
+            let signal = |nm: f64| {
+                let light = [line(nm), camera.lens.transmittance.clone()];
+                let sight = Sight::of_light(&camera.sensor, &light);
+                let ends = [nm - 10.0, nm + 10.0];
+                let each = sight.channels.iter().map(|channel| Sight::signal(channel, ends));
+                (each.fold(0.0, f64::max), sight.reach_nm()[1])
+            };
+            let ((visible, _), (infrared, reach)) = (signal(550.0), signal(850.0));
+            let qe = camera.sensor.qe.iter().map(|qe| qe.at(850.0)).fold(0.0, f64::max);
+            let table = camera.sensor.qe.iter().any(|qe| qe.samples().nth(1).is_some());
+            match &camera.sensor.ir_cut {
+                Some(_) => assert!(infrared < 1e-2 * visible, "{name}: {infrared} {visible}"),
+                None => {
+                    assert!(table && qe > 0.0, "{name}: no table beyond visible light");
+                    assert!(infrared > 0.0 && reach > 850.0, "{name}: {infrared}, {reach} nm");
+                }
+            }
+        }
+    }
+
+    /// The part beyond 700 nm of even light and an even sensor of 400 to 1000 nm, 60.7 %, is told
+    /// of a chart too.
+    #[test]
+    fn light_beyond_the_spectra_of_a_chart_is_told() {
+        let mut camera = Camera::load("mt9v024").unwrap();
+        let light = Illuminant::parse("E").unwrap();
+        let visible = camera.clone();
+        let flat = Spectrum::new(vec![400.0, 1000.0], vec![0.5, 0.5]).unwrap();
+        camera.sensor.qe = vec![flat.outside(camrig_base::Outside::Zero)];
+        camera.sensor.ir_cut = None;
+        let said = light_beyond_a_chart(&camera, &light, [395.0, 700.0]).unwrap();
+        assert!(said.contains("60.7 % of the signal"), "{said}");
+        assert_eq!(light_beyond_a_chart(&visible, &light, [300.0, 1000.0]), None);
+    }
 
     #[test]
     fn ends_without_signal_are_left_out() {
