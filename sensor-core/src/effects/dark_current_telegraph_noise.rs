@@ -15,6 +15,9 @@ effect! {
     /// temperature as the dark current does. In each frame the defect is renewed with probability
     /// q, and then is on with probability d: the states are those of `random-telegraph-noise`, and
     /// are constant within a frame. Hopkins and Hopkinson 1995; Goiffon et al. 2009.
+    ///
+    /// Closed form: of pixels of one rate, mean A t d and variance A t d + A² t² d(1−d), with
+    /// autocovariance A² t² d(1−d)(1−q)^|n|.
     DarkCurrentTelegraphNoise, "dark-current-telegraph-noise", Charge, Temporal, Pixel {
         /// Fraction of pixels
         fraction: "1", 0.0..=1.0;
@@ -24,9 +27,9 @@ effect! {
         renewal: "1", 0.03..=1.0, default 0.2;
         /// Share of the time at the higher rate
         duty: "1", 0.0..=1.0, default 0.5;
-        /// Temperature rise that doubles it
+        /// Temperature rise that doubles it; in a camera file, left out, that of sensor.noise
         doubling_c: "K", 1.0..=100.0, default 7.0;
-        /// Reference temperature
+        /// Reference temperature; in a camera file, left out, that of sensor.noise
         reference_c: "degC", -100.0..=150.0, default 25.0;
     }
 }

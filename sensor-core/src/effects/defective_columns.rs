@@ -10,6 +10,9 @@ effect! {
     /// µ *= g for a fixed fraction f of the columns, in the last share l of their rows. What a
     /// column lacks it lacks before shot noise, as in `defective-pixels`. Chen et al. 2009,
     /// section VI: defects that only the captures show.
+    ///
+    /// Closed form: a share f of the columns has mean and temporal variance gµ in the last share l
+    /// of their rows, µ above.
     DefectiveColumns, "defective-columns", Light, Defect, Pixel {
         /// Fraction of columns
         fraction: "1", 0.0..=1.0;

@@ -14,7 +14,7 @@ use super::{
 use camrig_base::table::{SpectralTable, Wanted};
 use camrig_base::toml_text::{line_of, place_of_key as place};
 use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes};
-use camrig_sensor_core::effects::Effect;
+use camrig_sensor_core::effects::{Effect, Entry};
 
 /// Widest gap between wavelengths of a curve, nm: colour filters and infrared cut filters change
 /// within 30 nm, so that a straight line over a wider gap would miss their edges.
@@ -119,7 +119,8 @@ fn grow_as_dark_current(table: &mut toml::Table, noise: &Noise) {
     let catalogued = Effect::CATALOGUE.iter().filter(|e| e.kind != empirical::KIND);
     let entry = catalogued.into_iter().find(|e| Some(e.kind) == kind);
     let law = [("doubling_c", noise.dark_doubling_c), ("reference_c", noise.temperature_ref_c)];
-    for parameter in entry.iter().flat_map(|e| e.parameters) {
+    let grows = |e: &&Entry| e.parameters.iter().any(|p| p.key == law[0].0);
+    for parameter in entry.iter().copied().filter(grows).flat_map(|e| e.parameters) {
         if let Some((key, value)) = law.iter().find(|(key, _)| *key == parameter.key) {
             table.entry(*key).or_insert((*value).into());
         }
