@@ -66,9 +66,10 @@ pub struct Args {
     /// CSI-2 output: begin every frame with an embedded data line (CCS frame counter)
     #[arg(long)]
     embedded: bool,
-    /// CSI-2 output: virtual channel, 0 to 3
-    #[arg(long, value_name = "VC", default_value_t = 0)]
-    virtual_channel: u8,
+    /// Virtual channel, 0 to 3: of CSI-2 input, the one to convert [default: its only one]; of
+    /// CSI-2 output where the input is of another format [default: 0]
+    #[arg(long, value_name = "VC")]
+    virtual_channel: Option<u8>,
     /// Print commands that read headerless output with ffmpeg, GStreamer and V4L2
     #[arg(long)]
     hint: bool,
@@ -79,15 +80,14 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let mut frames = read(args)?;
+    let bytes = formats::read_bytes(&args.input)?;
+    if let Some(frames) = wide_frames(args, &bytes)? {
+        return convert_wide(args, frames);
+    }
+    let mut frames = read(args, &bytes)?;
     frames.facts.notes.iter().for_each(|note| eprintln!("note: {note}"));
     if let Some(index) = args.frame {
-        let count = frames.planes.len();
-        if index >= count {
-            return Err(Error::input(format!("--frame {index}"))
-                .help(format!("the file has {count} frame(s), counted from 0")));
-        }
-        frames.planes = vec![frames.planes.swap_remove(index)];
+        frames.planes = vec![frame_of(frames.planes, index)?];
     }
     if args.preview {
         let raw = frames.raw(0)?;
@@ -103,13 +103,16 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return Err(Error::input("--stride of files that have a header")
             .help("it belongs to headerless pixels, as input or output"));
     }
-    let bytes = match &format {
+    let encoded = match &format {
         Format::Raw(pixels) => pixels.encode(&frames, of_output),
-        Format::Csi2 => csi2::encode_with(&frames, &csi2_options(args, &frames)),
+        Format::Csi2 => {
+            let options = csi2_options(args, frames.planes.len(), frames.facts.bits, &bytes);
+            csi2::encode_with(&frames, &options)
+        }
         other => other.encode(&frames),
     }
     .map_err(|e| e.at(args.input.display()))?;
-    output::write_file(&args.output, args.force, &bytes)?;
+    output::write_file(&args.output, args.force, &encoded)?;
     format.leaves_out(&frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
     dark_picture(&format, &frames.facts).iter().for_each(|note| eprintln!("note: {note}"));
     if args.hint {
@@ -141,10 +144,61 @@ fn is_headerless_input(args: &Args) -> bool {
     args.from.is_some() || PixelFormat::is_headerless(&args.input)
 }
 
-fn read(args: &Args) -> Result<Frames> {
-    let bytes = formats::read_bytes(&args.input)?;
-    let frames =
-        if is_headerless_input(args) { headerless(args, &bytes) } else { formats::decode(&bytes) };
+/// The frames of input of more than 16 bits.
+fn wide_frames(args: &Args, bytes: &[u8]) -> Result<Option<Frames<u32>>> {
+    if is_headerless_input(args) {
+        return Ok(None);
+    }
+    let at = |e: Error| e.at(args.input.display());
+    match args.virtual_channel.filter(|_| is_packets(bytes)) {
+        None => formats::wide::decode(bytes).map_err(at),
+        Some(channel) => {
+            let frames = csi2::decode_channel::<u32>(bytes, channel).map_err(at)?;
+            Ok(Some(frames).filter(|frames| frames.facts.bits > Some(u16::BITS)))
+        }
+    }
+}
+
+/// Converts frames of more than 16 bits.
+fn convert_wide(args: &Args, mut frames: Frames<u32>) -> Result<ExitCode> {
+    if args.preview || args.white.is_some() {
+        return Err(Error::unsupported("a picture or another white level of more than 16 bits")
+            .help("convert samples alone, or simulate with output = \"companded\""));
+    }
+    if let Some(index) = args.frame {
+        frames.planes = vec![frame_of(frames.planes, index)?];
+    }
+    let facts = &mut frames.facts;
+    facts.bits = args.bits.or(facts.bits);
+    facts.black_level_dn = args.black.or(facts.black_level_dn);
+    if let Some(cfa) = &args.cfa {
+        facts.cfa = Some(Cfa::parse(cfa).map_err(|e| e.at("--cfa"))?);
+    }
+    let bytes = formats::wide::encode(&output_format(args)?, &frames);
+    output::write_file(&args.output, args.force, &bytes.map_err(|e| e.at(args.input.display()))?)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn is_packets(bytes: &[u8]) -> bool {
+    Format::sniff(bytes) == Some(Format::Csi2)
+}
+
+/// A frame of a stack.
+fn frame_of<T>(mut planes: Vec<T>, index: usize) -> Result<T> {
+    if index < planes.len() {
+        return Ok(planes.swap_remove(index));
+    }
+    let help = format!("the file has {} frame(s), counted from 0", planes.len());
+    Err(Error::input(format!("--frame {index}")).help(help))
+}
+
+fn read(args: &Args, bytes: &[u8]) -> Result<Frames> {
+    let channel = args.virtual_channel.filter(|_| is_packets(bytes));
+    let frames = match channel {
+        _ if is_headerless_input(args) => headerless(args, bytes),
+        Some(channel) => csi2::decode_channel(bytes, channel),
+        None => formats::decode(bytes),
+    };
     let mut frames = frames.map_err(|e| e.at(args.input.display()))?;
     let facts = &mut frames.facts;
     facts.bits = args.bits.or(facts.bits);
@@ -189,19 +243,15 @@ fn output_format(args: &Args) -> Result<Format> {
     }
 }
 
-fn csi2_options(args: &Args, frames: &Frames) -> csi2::Options {
+fn csi2_options(args: &Args, count: usize, bits: Option<u32>, input: &[u8]) -> csi2::Options {
     /// CCS register of the frame counter, one byte.
     const FRAME_COUNT: u16 = 0x0005;
-    let bits = frames.facts.bits.unwrap_or(16);
+    let bits = bits.unwrap_or(u16::BITS);
     let line = |frame: usize| vec![csi2::ccs_line(&[(FRAME_COUNT, (frame % 255) as u8)], bits)];
     csi2::Options {
-        virtual_channel: args.virtual_channel,
+        virtual_channel: args.virtual_channel.filter(|_| !is_packets(input)).unwrap_or(0),
         line_packets: args.line_packets,
-        embedded: if args.embedded {
-            (0..frames.planes.len()).map(line).collect()
-        } else {
-            vec![]
-        },
+        embedded: if args.embedded { (0..count).map(line).collect() } else { vec![] },
         ..csi2::Options::default()
     }
 }

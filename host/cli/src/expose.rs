@@ -4,7 +4,7 @@ use super::arguments::{self, CameraArgs, FrameArgs, positive};
 use super::notes::Notes;
 use super::scene_lights::NextLight;
 use super::simulate::{light_of, noise_row};
-use super::taking::{self, Sensor, Subject, expose_frames};
+use super::taking::{Sensor, Subject, expose_frames};
 use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
@@ -55,7 +55,7 @@ pub fn checked(
 pub fn run(args: &Args) -> Result<ExitCode> {
     args.frames.readout.refuse_charge()?;
     let mut camera = args.camera.load()?;
-    let mut sink = args.frames.sink(taking::per_exposure(&camera))?;
+    let mut sink = args.frames.sink(&camera)?;
     camera.first_frame = args.frames.first_number();
     let mut notes = Notes::default();
     let cube = open(&args.irradiance, &camera, &mut notes)?;

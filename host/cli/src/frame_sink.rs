@@ -2,15 +2,18 @@
 
 use super::arguments::{FrameArgs, open_report, write_report};
 use super::live::{self, LiveFrames};
+use super::taking;
 use crate::stop::Stoppable;
 use camrig_base::output::{LiveOutput, OutputDir, OutputFile, write_file};
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{ChannelMean, Error, RawFrame, Result};
+use camrig_camera::Camera;
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_formats::mcap::CameraInfo;
-use camrig_formats::{DngInfo, Facts, Format, Frames, png, preview};
+use camrig_formats::{DngInfo, Facts, Format, Frames, csi2, png, preview, wide};
 use camrig_report::page::Page;
 use camrig_report::simulation;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -35,7 +38,49 @@ enum Place {
     /// Standard output, a named pipe or a device, to which frames are written as they are taken.
     Live(Box<LiveFrames>, Stoppable),
     /// One file with all frames, written at the end.
-    Stack(Option<Box<Frames>>),
+    Stack(Stack),
+}
+
+/// Frames of a file, as long as it is not written.
+enum Stack {
+    Empty,
+    Frames(Box<Frames>),
+    Wide(Box<Frames<u32>>),
+}
+
+/// The samples of a frame.
+#[derive(Clone, Copy)]
+enum Samples<'a> {
+    Frame(&'a RawFrame),
+    /// Of more than 16 bits.
+    Wide(&'a RawFrame<u32>),
+}
+
+impl Samples<'_> {
+    fn encode(self, format: &Format, info: &DngInfo) -> Result<Vec<u8>> {
+        match self {
+            Self::Frame(frame) => {
+                let facts = Facts { dng: Some(info.clone()), ..Facts::of(frame) };
+                format.encode(&Frames { facts, ..Frames::from_raw(frame) })
+            }
+            Self::Wide(frame) => wide::encode(format, &Frames::from_raw(frame)),
+        }
+    }
+
+    /// The frame in as many bits as pictures need.
+    fn picture(&self) -> Cow<'_, RawFrame> {
+        match self {
+            Self::Frame(frame) => Cow::Borrowed(frame),
+            Self::Wide(frame) => Cow::Owned(frame.upper_16_bits()),
+        }
+    }
+
+    fn channel_means(self) -> Vec<ChannelMean> {
+        match self {
+            Self::Frame(frame) => frame.channel_means(),
+            Self::Wide(frame) => frame.channel_means(),
+        }
+    }
 }
 
 /// The output of frames; opened before any work, so that a bad one fails at once.
@@ -76,8 +121,9 @@ impl FrameArgs {
         }
     }
 
-    /// Opens the output of a camera that sends so many frames of an exposure.
-    pub fn sink(&self, per_exposure: u32) -> Result<FrameSink> {
+    /// Opens the output of a camera.
+    pub fn sink(&self, camera: &Camera) -> Result<FrameSink> {
+        let per_exposure = taking::per_exposure(camera);
         if self.bracket.iter().any(|ev| !(-32.0..=32.0).contains(ev)) {
             let help = "use steps of -32 to 32 EV, such as -2,0,2";
             return Err(Error::input("--bracket").help(help));
@@ -85,6 +131,9 @@ impl FrameArgs {
         let several = self.count() > 1 || per_exposure > 1;
         let (kind, live) = (self.kind()?, LiveOutput::is_stream(&self.output));
         let packets = kind == Some(Kind::Raw(Format::Csi2));
+        if let Some(Kind::Raw(format)) = kind.as_ref().filter(|_| taking::is_wide(camera)) {
+            wide::check(format)?;
+        }
         let (kind, place) = match kind {
             None => {
                 let directory = OutputDir::create(&self.output, self.force)?;
@@ -118,7 +167,7 @@ impl FrameArgs {
                     return Err(Error::input(format!("{} exists", self.output.display()))
                         .help("choose another name, or replace it with --force"));
                 }
-                (kind, if several { Place::Stack(None) } else { Place::File })
+                (kind, if several { Place::Stack(Stack::Empty) } else { Place::File })
             }
         };
         Ok(FrameSink {
@@ -156,65 +205,93 @@ impl FrameSink {
         self.write_named(&Named { number, name: None }, frame, info)
     }
 
+    /// Writes the next frame, of more than 16 bits.
+    pub fn write_wide(&mut self, frame: &RawFrame<u32>, info: &DngInfo) -> Result<()> {
+        let number = self.count as u32;
+        self.put(&Named { number, name: None }, Samples::Wide(frame), info)
+    }
+
     /// Writes a frame of an exposure.
     pub fn write_named(&mut self, is: &Named<'_>, frame: &RawFrame, info: &DngInfo) -> Result<()> {
+        self.put(is, Samples::Frame(frame), info)
+    }
+
+    /// Writes the captures of an exposure on their virtual channels, and returns whether the format
+    /// has such; if not, they are to be written one by one.
+    pub fn write_captures(&mut self, captures: &[csi2::Sent<'_>]) -> Result<bool> {
+        match &mut self.place {
+            Place::Stream(file, encoder) => {
+                let Some(bytes) = encoder.encode_captures(captures)? else { return Ok(false) };
+                file.write_all(&bytes).map_err(|e| Error::io("write", &self.path, e))?;
+                Ok(true)
+            }
+            Place::Live(frames, _) => frames.write_captures(captures),
+            _ => Ok(false),
+        }
+    }
+
+    /// Counts a frame that is written, for the report and the figures.
+    pub fn note(&mut self, file: String, frame: &RawFrame, info: &DngInfo) -> Result<()> {
+        self.noted(file, Samples::Frame(frame), info)
+    }
+
+    fn put(&mut self, is: &Named<'_>, samples: Samples<'_>, info: &DngInfo) -> Result<()> {
         let number = self.count;
         let encoded = || match &self.kind {
             Kind::Picture => {
-                let (picture, factor) = preview::bright(frame, info);
+                let (picture, factor) = preview::bright(&samples.picture(), info);
                 eprintln!("note: {}", preview::brightness_words(factor));
                 png::encode_rgb(&picture)
             }
-            Kind::Raw(format) => {
-                let facts = Facts { dng: Some(info.clone()), ..Facts::of(frame) };
-                format.encode(&Frames { facts, ..Frames::from_raw(frame) })
-            }
+            Kind::Raw(format) => samples.encode(format, info),
         };
         let mut name = format!("{} frame {number}", self.path.display());
-        match &mut self.place {
-            Place::File => {
+        match (&mut self.place, samples) {
+            (Place::File, _) => {
                 write_file(&self.path, self.force, &encoded()?)?;
                 name = self.path.display().to_string();
             }
-            Place::Directory(directory) => {
-                let file = match is.name {
-                    None => format!("{:04}.dng", is.number),
-                    Some(name) => format!("{:04}-{name}.dng", is.number),
+            (Place::Directory(directory), _) => {
+                let (ending, format) = match samples {
+                    Samples::Frame(_) => ("dng", Format::Dng),
+                    Samples::Wide(_) => ("tiff", Format::Tiff),
                 };
-                directory.write(Path::new(&file), &encoded()?)?;
+                let file = match is.name {
+                    None => format!("{:04}.{ending}", is.number),
+                    Some(name) => format!("{:04}-{name}.{ending}", is.number),
+                };
+                directory.write(Path::new(&file), &samples.encode(&format, info)?)?;
                 name = self.path.join(file).display().to_string();
             }
-            Place::Stream(file, encoder) => {
-                if number == 0 {
-                    live::tell(encoder, frame);
-                }
-                let bytes = encoder.encode(frame, &Beside::default())?;
+            (Place::Stream(file, encoder), _) => {
+                let bytes = match samples {
+                    Samples::Frame(frame) => {
+                        if number == 0 {
+                            live::tell(encoder, frame);
+                        }
+                        encoder.encode(frame, &Beside::default())?
+                    }
+                    Samples::Wide(frame) => encoder.encode_wide(frame)?,
+                };
                 file.write_all(&bytes).map_err(|e| Error::io("write", &self.path, e))?;
             }
-            Place::Live(frames, _) => frames.write(frame, &Beside::default())?,
-            Place::Stack(stack) => {
-                let mut one = Frames::from_raw(frame);
-                match stack {
-                    Some(stack) => {
-                        stack.planes.append(&mut one.planes);
-                        // A bracket has no single exposure to store.
-                        let of_all = |first: &DngInfo| first.exposure_s == info.exposure_s;
-                        stack.facts.dng = stack.facts.dng.take().filter(of_all);
-                    }
-                    None => {
-                        one.facts.dng = Some(info.clone());
-                        *stack = Some(Box::new(one));
-                    }
-                }
+            (Place::Live(frames, _), Samples::Frame(frame)) => {
+                frames.write(frame, &Beside::default())?;
             }
+            (Place::Live(frames, _), Samples::Wide(frame)) => frames.write_wide(frame)?,
+            (Place::Stack(stack), _) => stack.push(samples, info),
         }
+        self.noted(name, samples, info)
+    }
+
+    fn noted(&mut self, name: String, samples: Samples<'_>, info: &DngInfo) -> Result<()> {
         if let Some((_, frames)) = &mut self.report {
             let file = Path::new(&name).file_name().unwrap_or_default().to_string_lossy();
-            frames.add(&file, frame, info)?;
+            frames.add(&file, &samples.picture(), info)?;
         }
         self.count += 1;
         if self.count <= FIGURES || !matches!(self.place, Place::Live(..)) {
-            self.written.push(json!({ "file": name, "channels": channel_figures(frame) }));
+            self.written.push(json!({ "file": name, "channels": channel_figures(samples) }));
         }
         Ok(())
     }
@@ -242,9 +319,13 @@ impl FrameSink {
                 }
             }
             Place::Stack(stack) => {
-                if let (Some(stack), Kind::Raw(format)) = (stack, &self.kind) {
-                    write_file(&self.path, self.force, &format.encode(&stack)?)?;
-                }
+                let Kind::Raw(format) = &self.kind else { return Ok(self.written) };
+                let bytes = match stack {
+                    Stack::Empty => return Ok(self.written),
+                    Stack::Frames(frames) => format.encode(&frames)?,
+                    Stack::Wide(frames) => wide::encode(format, &frames)?,
+                };
+                write_file(&self.path, self.force, &bytes)?;
             }
         }
         if let Some((file, frames)) = self.report {
@@ -254,8 +335,30 @@ impl FrameSink {
     }
 }
 
-fn channel_figures(frame: &RawFrame) -> Value {
-    frame
+impl Stack {
+    fn push(&mut self, samples: Samples<'_>, info: &DngInfo) {
+        match (&mut *self, samples) {
+            (Self::Frames(stack), Samples::Frame(frame)) => {
+                stack.planes.append(&mut Frames::from_raw(frame).planes);
+                // A bracket has no single exposure to store.
+                let of_all = |first: &DngInfo| first.exposure_s == info.exposure_s;
+                stack.facts.dng = stack.facts.dng.take().filter(of_all);
+            }
+            (Self::Wide(stack), Samples::Wide(frame)) => {
+                stack.planes.append(&mut Frames::from_raw(frame).planes);
+            }
+            (_, Samples::Frame(frame)) => {
+                let mut first = Frames::from_raw(frame);
+                first.facts.dng = Some(info.clone());
+                *self = Self::Frames(Box::new(first));
+            }
+            (_, Samples::Wide(frame)) => *self = Self::Wide(Box::new(Frames::from_raw(frame))),
+        }
+    }
+}
+
+fn channel_figures(samples: Samples<'_>) -> Value {
+    samples
         .channel_means()
         .into_iter()
         .map(|channel| {

@@ -3,9 +3,9 @@
 use camrig_base::output::LiveOutput;
 use camrig_base::{Error, RawFrame, Result};
 use camrig_camera::Camera;
-use camrig_formats::Format;
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_formats::mcap::CameraInfo;
+use camrig_formats::{Format, csi2};
 use std::path::Path;
 
 /// The format of an output: the one asked for, which its name must not contradict, or that of its
@@ -69,6 +69,22 @@ impl LiveFrames {
         self.output.push(&self.encoder.encode(frame, beside)?)?;
         self.frames += 1;
         Ok(())
+    }
+
+    /// Writes the next frame, of more than 16 bits.
+    pub fn write_wide(&mut self, frame: &RawFrame<u32>) -> Result<()> {
+        self.output.push(&self.encoder.encode_wide(frame)?)?;
+        self.frames += 1;
+        Ok(())
+    }
+
+    /// Writes the captures of the next exposure on their virtual channels, and returns whether the
+    /// format has such.
+    pub fn write_captures(&mut self, captures: &[csi2::Sent<'_>]) -> Result<bool> {
+        let Some(bytes) = self.encoder.encode_captures(captures)? else { return Ok(false) };
+        self.output.push(&bytes)?;
+        self.frames += 1;
+        Ok(true)
     }
 
     /// Frames written.

@@ -3,7 +3,7 @@
 use super::arguments::{self, FrameArgs, frames_per_s};
 use super::notes::Notes;
 use super::scene_lights::SceneLights;
-use super::taking::{self, Sensor, Subject, expose_frames};
+use super::taking::{Sensor, Subject, expose_frames};
 use super::times::TimeArgs;
 use super::view_args::ViewArgs;
 use camrig_base::{Error, Result};
@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             .help("bin digitally, or omit --motion: its pixels are single ones"));
     }
     let mut camera = readout.camera(args.view.camera.load()?)?;
-    let mut sink = frames.sink(taking::per_exposure(&camera))?;
+    let mut sink = frames.sink(&camera)?;
     camera.first_frame = frames.first_number();
     let times = args.time.times(&camera, args.fps)?;
     let told = Notes::default();

@@ -3,11 +3,12 @@
 use super::arguments::{self, FrameArgs};
 use super::frame_sink::{FrameSink, Named};
 use super::scene_lights::NextLight;
-use camrig_base::{Error, RawFrame, Result};
+use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
-use camrig_camera::hdr::HdrOutput;
-use camrig_exposure::hdr::HdrSensor;
+use camrig_camera::hdr::{Hdr, HdrOutput};
+use camrig_exposure::hdr::{HdrSensor, Sent};
 use camrig_exposure::{CubeHeader, FrameOptions, IrradianceCube};
+use camrig_formats::csi2;
 use camrig_light::Illuminant;
 use camrig_render::{self as render, SimulatedSensor};
 use camrig_rig::SensorStage;
@@ -48,6 +49,12 @@ pub fn per_exposure(camera: &Camera) -> u32 {
         Some(hdr) if hdr.output == HdrOutput::Captures => hdr.captures.len() as u32,
         _ => 1,
     }
+}
+
+/// Whether what a camera sends has more than 16 bits.
+pub fn is_wide(camera: &Camera) -> bool {
+    let hdr = camera.sensor.hdr.as_ref();
+    hdr.is_some_and(|hdr| hdr.output == HdrOutput::Linear && hdr.linear_bits() > u16::BITS)
 }
 
 /// What frames are taken of, and how they are described.
@@ -115,10 +122,7 @@ pub fn expose_frames(
                 sink.write(&args.readout.readout().of(frame)?, &info)?;
             }
             Stage::Several(sensor) => {
-                for (name, frame, info) in all(args, subject, sensor, &seen, &settings)? {
-                    let frame = args.readout.readout().of(frame)?;
-                    sink.write_named(&Named { number: i, name: name.as_deref() }, &frame, &info)?;
-                }
+                several_frames(args, subject, sensor, (&seen, &settings), sink)?
             }
         }
         taken += 1;
@@ -222,35 +226,61 @@ fn info(
     Ok(info)
 }
 
-/// A frame that is sent, with the name of its capture where it is that of one.
-type Sent = (Option<String>, RawFrame, camrig_formats::DngInfo);
-
-/// What a sensor with several captures sends of a frame.
-fn all(
+/// Takes a frame of a sensor with several captures, and writes what it sends.
+fn several_frames(
     args: &FrameArgs,
     subject: &Subject<'_>,
     sensor: &HdrSensor,
-    seen: &Seen<'_>,
-    settings: &FrameSettings,
-) -> Result<Vec<Sent>> {
-    let mut settings = *settings;
-    settings.previous_exposure_s = seen.previous_s;
+    (seen, settings): (&Seen<'_>, &FrameSettings),
+    sink: &mut FrameSink,
+) -> Result<()> {
+    let mut own = *settings;
+    own.previous_exposure_s = seen.previous_s;
     let options = FrameOptions { before: seen.before, arithmetic: args.arith };
-    let frame = sensor.frame(seen.cube, &settings, options)?;
-    let (camera, hdr) = (subject.camera, sensor.hdr());
-    if hdr.output != HdrOutput::Captures {
-        let mut info = info(args, subject, camera, (seen.cube, &settings))?;
-        render::describe_merged(&mut info, hdr, &camera.sensor.cfa);
-        let sent = sensor.sent(frame, settings.analog_gain.into())?;
-        return Ok(sent.into_iter().map(|frame| (None, frame, info.clone())).collect());
+    let frame = sensor.frame(seen.cube, &own, options)?;
+    let (hdr, readout) = (sensor.hdr(), args.readout.readout());
+    let mut merged = info(args, subject, subject.camera, (seen.cube, settings))?;
+    render::describe_merged(&mut merged, hdr, &subject.camera.sensor.cfa);
+    match sensor.sent(frame, settings.analog_gain.into()) {
+        Sent::Merged(frame) => sink.write(&readout.of(frame)?, &merged),
+        Sent::Wide(frame) => sink.write_wide(&readout.of(frame)?, &merged),
+        Sent::Captures(frames) => {
+            let frames = frames.into_iter().map(|frame| readout.of(frame));
+            let frames = frames.collect::<Result<Vec<_>>>()?;
+            captures(args, subject, hdr, &frames, (seen, settings), sink)
+        }
     }
-    let frames = frame.captures.into_iter().zip(&hdr.captures).enumerate();
-    let of = |(i, (frame, capture)): (usize, (RawFrame, &camrig_camera::hdr::Capture))| {
-        let plain = camera.of_capture(i);
+}
+
+/// Writes the captures of a frame: on virtual channels where the output has such, else each as a
+/// frame with its name.
+fn captures(
+    args: &FrameArgs,
+    subject: &Subject<'_>,
+    hdr: &Hdr,
+    frames: &[RawFrame],
+    (seen, settings): (&Seen<'_>, &FrameSettings),
+    sink: &mut FrameSink,
+) -> Result<()> {
+    let number = settings.frame;
+    let planes: Vec<Plane<u16>> = frames.iter().map(RawFrame::plane).collect();
+    let sent = planes.iter().zip(&hdr.captures).map(|(plane, capture)| csi2::Sent {
+        plane,
+        bits: capture.bits.into(),
+        virtual_channel: capture.virtual_channel,
+        late_rows: hdr.late_rows(capture),
+        embedded: Vec::new(),
+    });
+    let together = sink.write_captures(&sent.collect::<Vec<_>>())?;
+    for (i, (frame, capture)) in frames.iter().zip(&hdr.captures).enumerate() {
+        let plain = subject.camera.of_capture(i);
         let plain = plain.ok_or_else(|| Error::internal("a capture without a camera"))?;
-        let own = hdr.settings(capture, &settings);
-        let info = info(args, subject, &plain, (seen.cube, &own))?;
-        Ok((Some(capture.name.clone()), frame, info))
-    };
-    frames.map(of).collect()
+        let info = info(args, subject, &plain, (seen.cube, &hdr.settings(capture, settings)))?;
+        if together {
+            sink.note(format!("frame {number} {}", capture.name), frame, &info)?;
+        } else {
+            sink.write_named(&Named { number, name: Some(&capture.name) }, frame, &info)?;
+        }
+    }
+    Ok(())
 }

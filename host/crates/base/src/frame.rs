@@ -1,10 +1,40 @@
 //! A raw frame: digital numbers with what is needed to interpret them.
 
-use crate::Cfa;
+use crate::{Cfa, Plane};
+use std::fmt;
+use std::str::FromStr;
+
+/// The type of a digital number: `u16`, or `u32` for signals of more than 16 bits, which sensors
+/// make that merge several readings of a pixel.
+pub trait Dn:
+    Copy + Default + Ord + fmt::Debug + fmt::Display + FromStr + Into<u32> + Send + Sync + 'static
+{
+    /// Most bits of a sample.
+    const MAX_BITS: u32;
+
+    /// A number as DN; `None` beyond the type's range.
+    fn of(number: i128) -> Option<Self>;
+}
+
+impl Dn for u16 {
+    const MAX_BITS: u32 = 16;
+
+    fn of(number: i128) -> Option<Self> {
+        number.try_into().ok()
+    }
+}
+
+impl Dn for u32 {
+    const MAX_BITS: u32 = 32;
+
+    fn of(number: i128) -> Option<Self> {
+        number.try_into().ok()
+    }
+}
 
 /// A raw frame: digital numbers (DN), and what file formats say about them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RawFrame {
+pub struct RawFrame<S = u16> {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -16,9 +46,9 @@ pub struct RawFrame {
     /// Mean DN of no light.
     pub black_level_dn: f64,
     /// DN at which the signal saturates (not always `(1 << bits) - 1`).
-    pub white_level_dn: u16,
+    pub white_level_dn: S,
     /// Row-major DN.
-    pub data: Vec<u16>,
+    pub data: Vec<S>,
 }
 
 /// What the samples of one channel are on average.
@@ -32,7 +62,12 @@ pub struct ChannelMean {
     pub saturated: f64,
 }
 
-impl RawFrame {
+impl<S: Dn> RawFrame<S> {
+    /// The samples alone.
+    pub fn plane(&self) -> Plane<S> {
+        Plane { width: self.width, height: self.height, data: self.data.clone() }
+    }
+
     /// Mean and saturated fraction of each channel, in channel order.
     pub fn channel_means(&self) -> Vec<ChannelMean> {
         let channels = self.cfa.channels();
@@ -42,7 +77,7 @@ impl RawFrame {
                 (0..self.cfa.width).map(|x| self.cfa.channel(x, y)).collect();
             for (x, &dn) in row.iter().enumerate() {
                 let (sum, count, full) = &mut sums[of_column[x % self.cfa.width]];
-                *sum += u64::from(dn);
+                *sum += u64::from(dn.into());
                 *count += 1;
                 *full += u64::from(dn >= self.white_level_dn);
             }
@@ -56,5 +91,22 @@ impl RawFrame {
             }
         };
         channels.iter().zip(sums).map(figures).collect()
+    }
+}
+
+impl RawFrame<u32> {
+    /// The upper 16 bits of the samples: enough for a picture.
+    pub fn upper_16_bits(&self) -> RawFrame {
+        let shift = self.bits.saturating_sub(u16::BITS);
+        let upper = |dn: u32| (dn >> shift) as u16;
+        RawFrame {
+            width: self.width,
+            height: self.height,
+            bits: self.bits - shift,
+            cfa: self.cfa.clone(),
+            black_level_dn: self.black_level_dn / f64::from(1u32 << shift),
+            white_level_dn: upper(self.white_level_dn),
+            data: self.data.iter().map(|dn| upper(*dn)).collect(),
+        }
     }
 }

@@ -73,7 +73,7 @@ mod value;
 pub use cfa::Cfa;
 pub use error::{Error, ErrorKind, Result};
 pub use error_code::ErrorCode;
-pub use frame::{ChannelMean, RawFrame};
+pub use frame::{ChannelMean, Dn, RawFrame};
 pub use natural_order::natural_order;
 pub use plane::Plane;
 pub use sample::Sample;

@@ -90,37 +90,55 @@ impl HdrSensor {
         Plane { width: *width, height: *height, data }
     }
 
-    /// What the sensor sends of a frame, as raw frames: one of the merged signal, or one of each
-    /// capture.
-    ///
-    /// # Errors
-    /// A linear output of more than 16 bits, which raw frames do not hold.
-    pub fn sent(&self, frame: HdrFrame, analog_gain: f64) -> Result<Vec<RawFrame>> {
+    /// What the sensor sends of a frame.
+    pub fn sent(&self, frame: HdrFrame, analog_gain: f64) -> Sent {
         let hdr = &self.hdr;
         let white = hdr.linear_white_dn(analog_gain);
         let pedestal = hdr.merge.pedestal_dn();
-        let (bits, black_level_dn, white_level_dn, code): (_, _, _, Code<'_>) =
-            match (hdr.output, &hdr.companding) {
-                (HdrOutput::Captures, _) => return Ok(frame.captures),
-                (HdrOutput::Companded, Some(c)) => {
-                    (c.bits, f64::from(c.code(pedestal)), c.code(white), Box::new(|x| c.code(x)))
-                }
-                _ if hdr.merge.max_dn() > u32::from(u16::MAX) => {
-                    return Err(Error::unsupported("a linear output of more than 16 bits")
-                        .help("use output = \"companded\" or \"captures\", or linear_bits = 16"));
-                }
-                _ => (16, f64::from(pedestal), white as u16, Box::new(|x| x as u16)),
-            };
         let Plane { width, height, data } = frame.linear;
-        let data = data.par_iter().map(|&linear| code(linear)).collect();
         let cfa = frame.captures[0].cfa.clone();
-        let bits = u32::from(bits);
-        Ok(vec![RawFrame { width, height, bits, cfa, black_level_dn, white_level_dn, data }])
+        match (hdr.output, &hdr.companding) {
+            (HdrOutput::Captures, _) => Sent::Captures(frame.captures),
+            (HdrOutput::Companded, Some(curve)) => Sent::Merged(RawFrame {
+                width,
+                height,
+                bits: curve.bits.into(),
+                cfa,
+                black_level_dn: curve.code(pedestal).into(),
+                white_level_dn: curve.code(white),
+                data: data.par_iter().map(|&linear| curve.code(linear)).collect(),
+            }),
+            _ => {
+                let bits = hdr.linear_bits();
+                let black_level_dn = pedestal.into();
+                let frame = RawFrame {
+                    width,
+                    height,
+                    bits,
+                    cfa,
+                    black_level_dn,
+                    white_level_dn: white,
+                    data,
+                };
+                if bits > u16::BITS {
+                    Sent::Wide(frame)
+                } else {
+                    Sent::Merged(frame.upper_16_bits())
+                }
+            }
+        }
     }
 }
 
-/// The code that is sent of a linear signal.
-type Code<'a> = Box<dyn Fn(u32) -> u16 + Sync + 'a>;
+/// What a sensor sends of an exposure.
+pub enum Sent {
+    /// A frame of each capture.
+    Captures(Vec<RawFrame>),
+    /// The merged signal, on a curve or of 16 bits.
+    Merged(RawFrame),
+    /// The merged signal, of 20 or 24 bits.
+    Wide(RawFrame<u32>),
+}
 
 #[cfg(test)]
 mod tests;

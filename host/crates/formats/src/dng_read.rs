@@ -36,7 +36,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     let plane = active.map(|area| crop(&plane, area)).unwrap_or(plane);
     // The tags decide. Camrig's own note adds the bits, which a white level below full scale does
     // not tell, and the letters of filters that have no code of their own.
-    let mut note = Facts::default();
+    let mut note = <Facts>::default();
     note.merge_note(&raw.text(270).unwrap_or_default());
     let cfa = pattern(raw, note.cfa)?;
     let mut black = black_levels(raw, cfa.width, cfa.height)?;

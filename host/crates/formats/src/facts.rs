@@ -2,11 +2,11 @@
 //! no fields for it (TIFF, PNG, PGM, FITS).
 
 use super::{DngInfo, Taken};
-use camrig_base::{Cfa, RawFrame};
+use camrig_base::{Cfa, Dn, RawFrame};
 
 /// What is known about the samples of a file; `None` where the file does not say.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Facts {
+pub struct Facts<S = u16> {
     /// Bits per sample.
     pub bits: Option<u32>,
     /// Colour filter pattern.
@@ -14,7 +14,7 @@ pub struct Facts {
     /// Black level: mean of no light, DN.
     pub black_level_dn: Option<f64>,
     /// White level: value at which a sample saturates, DN.
-    pub white_level_dn: Option<u16>,
+    pub white_level_dn: Option<S>,
     /// Camera, exposure and colour, where the file is a DNG.
     pub dng: Option<DngInfo>,
     /// How the frames were taken, where the file says it in a form that is read.
@@ -23,9 +23,9 @@ pub struct Facts {
     pub notes: Vec<String>,
 }
 
-impl Facts {
+impl<S: Dn> Facts<S> {
     /// The facts of a raw frame.
-    pub fn of(frame: &RawFrame) -> Self {
+    pub fn of(frame: &RawFrame<S>) -> Self {
         Self {
             bits: Some(frame.bits),
             cfa: Some(frame.cfa.clone()),
@@ -70,7 +70,7 @@ impl Facts {
         for (key, value) in words.filter_map(|w| w.split_once('=')) {
             match key {
                 "bits" => {
-                    let bits = value.parse().ok().filter(|b| (1..=16).contains(b));
+                    let bits = value.parse().ok().filter(|b| (1..=S::MAX_BITS).contains(b));
                     self.taken.noted |= bits.is_some();
                     self.bits = bits.or(self.bits.take());
                 }

@@ -87,9 +87,10 @@ mod tests;
 #[cfg(feature = "tiff")]
 pub mod tiff16;
 mod tiff_samples;
+pub mod wide;
 pub mod y4m;
 
-use camrig_base::{Error, ErrorCode, Plane, RawFrame, Result};
+use camrig_base::{Dn, Error, ErrorCode, Plane, RawFrame, Result};
 pub use dng_info::{ColorMatrix, DngInfo};
 pub use facts::Facts;
 pub use pixel_format::PixelFormat;
@@ -102,11 +103,11 @@ const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// A stack of raw frames of one size, with what is known about them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frames {
+pub struct Frames<S = u16> {
     /// DN per pixel, frame by frame in order of time; at least one frame, all of one size.
-    pub planes: Vec<Plane<u16>>,
+    pub planes: Vec<Plane<S>>,
     /// What the file says about its samples.
-    pub facts: Facts,
+    pub facts: Facts<S>,
 }
 
 /// A file format of raw frames.
@@ -135,13 +136,24 @@ pub enum Format {
     Raw(PixelFormat),
 }
 
-impl Frames {
+impl<S: Dn> Frames<S> {
     /// A stack of one frame, with everything the frame says about itself.
-    pub fn from_raw(frame: &RawFrame) -> Self {
-        let plane = Plane { width: frame.width, height: frame.height, data: frame.data.clone() };
-        Self { planes: vec![plane], facts: Facts::of(frame) }
+    pub fn from_raw(frame: &RawFrame<S>) -> Self {
+        Self { planes: vec![frame.plane()], facts: Facts::of(frame) }
     }
 
+    /// Width of the frames, pixels.
+    pub fn width(&self) -> usize {
+        self.planes[0].width
+    }
+
+    /// Height of the frames, pixels.
+    pub fn height(&self) -> usize {
+        self.planes[0].height
+    }
+}
+
+impl Frames {
     /// Gives samples of a DNG with a black level for each place of its pattern one level, the
     /// largest: those of the others are lifted by the difference, rounded to whole DN, so that
     /// nothing is cut off below.
@@ -167,16 +179,6 @@ impl Frames {
         if let Some(dng) = &mut self.facts.dng {
             dng.black_levels_dn.clear();
         }
-    }
-
-    /// Width of the frames, pixels.
-    pub fn width(&self) -> usize {
-        self.planes[0].width
-    }
-
-    /// Height of the frames, pixels.
-    pub fn height(&self) -> usize {
-        self.planes[0].height
     }
 
     /// Frame `index`, counted from 0, as a raw frame. A white level that the file does not say is
@@ -483,13 +485,14 @@ pub(crate) fn full_scale(bits: u32) -> u16 {
     ((1u32 << bits.clamp(1, 16)) - 1) as u16
 }
 
-/// Refuses a number of bits outside 1 to 16, and samples beyond the bits.
-pub(crate) fn check_range(data: &[u16], bits: u32) -> Result<()> {
-    if !(1..=16).contains(&bits) {
-        return Err(Error::unsupported(format!("{bits} bits per sample")).help("use 1 to 16"));
+/// Refuses a number of bits that the samples' type has not, and samples beyond the bits.
+pub(crate) fn check_range<S: Dn>(data: &[S], bits: u32) -> Result<()> {
+    if !(1..=S::MAX_BITS).contains(&bits) {
+        return Err(Error::unsupported(format!("{bits} bits per sample"))
+            .help(format!("use 1 to {}", S::MAX_BITS)));
     }
-    let top = full_scale(bits);
-    match data.iter().position(|&dn| dn > top) {
+    let top = ((1u64 << bits) - 1) as u32;
+    match data.iter().position(|&dn| dn.into() > top) {
         Some(i) => Err(Error::input(format!("DN {} in a frame of {bits} bits", data[i]))
             .at(format!("sample {i}"))
             .help(format!("samples must not exceed {top}; is the number of bits right?"))),

@@ -7,7 +7,7 @@
 
 #[cfg(feature = "mcap")]
 use super::mcap::{CameraInfo, Recording};
-use super::{Facts, Format, Frames, csi2, y4m};
+use super::{Facts, Format, Frames, csi2, wide, y4m};
 use camrig_base::{Error, RawFrame, Result};
 use std::borrow::Cow;
 
@@ -132,7 +132,7 @@ impl LiveEncoder {
     /// Those of the format's writer.
     pub fn encode(&mut self, frame: &RawFrame, beside: &Beside) -> Result<Vec<u8>> {
         let frame = &*at_full_scale(frame, self.bits(frame));
-        let counted = (self.count % u64::from(u16::MAX) + 1) as u16;
+        let counted = self.counted();
         let bytes = match &self.format {
             Format::Csi2 => {
                 let options = csi2::Options {
@@ -164,6 +164,39 @@ impl LiveEncoder {
         };
         self.count += 1;
         Ok(bytes)
+    }
+
+    /// The bytes of the next frame, of more than 16 bits.
+    ///
+    /// # Errors
+    /// A format that does not hold it; those of its writer.
+    pub fn encode_wide(&mut self, frame: &RawFrame<u32>) -> Result<Vec<u8>> {
+        wide::check(&self.format)?;
+        let numbers = vec![self.counted()];
+        self.count += 1;
+        csi2::encode_with(
+            &Frames::from_raw(frame),
+            &csi2::Options { numbers, ..Default::default() },
+        )
+    }
+
+    /// The bytes of the captures of the next exposure, each on its virtual channel. `None` where
+    /// the format has no channels: its captures follow one another as frames.
+    ///
+    /// # Errors
+    /// Those of [`csi2::encode_together`].
+    pub fn encode_captures(&mut self, captures: &[csi2::Sent<'_>]) -> Result<Option<Vec<u8>>> {
+        if self.format != Format::Csi2 {
+            return Ok(None);
+        }
+        let number = self.counted();
+        self.count += 1;
+        csi2::encode_together(captures, number, false).map(Some)
+    }
+
+    /// Number of the next frame, from 1.
+    fn counted(&self) -> u16 {
+        (self.count % u64::from(u16::MAX) + 1) as u16
     }
 
     /// What follows the last frame, in formats that have an end.
@@ -260,10 +293,10 @@ mod tests {
             line_packets: true,
             ..Beside::default()
         };
-        let stream = csi2::decode_stream(&encoder.encode(&frame("RGGB"), &beside).unwrap());
+        let stream = csi2::decode_stream::<u16>(&encoder.encode(&frame("RGGB"), &beside).unwrap());
         let stream = stream.unwrap();
-        assert_eq!(stream.frame_numbers, [7]);
-        assert_eq!(stream.embedded, [beside.embedded]);
+        assert_eq!(stream.channels[0].frame_numbers, [7]);
+        assert_eq!(stream.channels[0].embedded, [beside.embedded]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! NumPy `.npy` arrays: H x W, or N x H x W for a stack.
 //!
-//! The writer makes version 1.0, `<u2`, C order, byte for byte as `numpy.save` does. The reader
+//! The writer makes version 1.0, `<u2` (`<u4` for more than 16 bits), C order, byte for byte as `numpy.save` does. The reader
 //! takes integers and floats of 1 to 8 bytes whose values are whole and fit in 16 bits, in either
 //! byte order, in C or Fortran order. A last axis of one channel, as image readers give grey
 //! frames, is dropped: H x W x 1 is one frame, not H frames of one column. A last axis of two to
@@ -8,19 +8,21 @@
 
 use super::{Facts, Frames, area, narrow, truncated};
 use camrig_base::npy::{Header, header};
-use camrig_base::{Error, Plane, Result, Sample};
+use camrig_base::{Dn, Error, Plane, Result, Sample};
 use std::io::Read;
 
 /// Frames as `.npy` bytes; one frame is H x W, several are N x H x W.
-pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
+pub fn encode<S: Dn>(frames: &Frames<S>) -> Result<Vec<u8>> {
     let (width, height) = (frames.width(), frames.height());
     let shape = match frames.planes.len() {
         1 => format!("({height}, {width})"),
         n => format!("({n}, {height}, {width})"),
     };
-    let mut bytes = header("<u2", &shape);
-    for plane in &frames.planes {
-        bytes.extend(plane.data.iter().flat_map(|dn| dn.to_le_bytes()));
+    let (descr, size) = if S::MAX_BITS == 16 { ("<u2", 2) } else { ("<u4", 4) };
+    let mut bytes = header(descr, &shape);
+    for dn in frames.planes.iter().flat_map(|plane| &plane.data) {
+        let word: u32 = (*dn).into();
+        bytes.extend_from_slice(&word.to_le_bytes()[..size]);
     }
     Ok(bytes)
 }
@@ -85,7 +87,7 @@ impl Layout {
 }
 
 /// A sample as DN.
-fn dn(sample: Sample, big_endian: bool, raw: &[u8]) -> Result<u16> {
+fn dn<S: Dn>(sample: Sample, big_endian: bool, raw: &[u8]) -> Result<S> {
     let value = sample.read(raw, big_endian);
     match sample {
         Sample::F32 | Sample::F64 => narrow::float(value),
@@ -95,34 +97,35 @@ fn dn(sample: Sample, big_endian: bool, raw: &[u8]) -> Result<u16> {
 
 /// Whether bytes are low and high ones of words in turn: all in odd columns are small, and in even
 /// columns of even and of odd rows some are large. Green of a colour filter array is in both.
-fn are_halves_of_words(data: &[u16], width: usize) -> bool {
+fn are_halves_of_words<S: Dn>(data: &[S], width: usize) -> bool {
     /// High bytes of 14 bits are below this.
-    const HIGH: u16 = 64;
-    const LOW: u16 = 128;
+    const HIGH: u32 = 64;
+    const LOW: u32 = 128;
     let rows = || data.chunks_exact(width.max(1)).enumerate();
     let largest = |column: usize, parity: usize| {
         let rows = rows().filter(|(y, _)| y % 2 == parity);
-        rows.flat_map(|(_, row)| row.iter().skip(column).step_by(2)).max().copied()
+        rows.flat_map(|(_, row)| row.iter().skip(column).step_by(2)).max().map(|dn| (*dn).into())
     };
     let small = |parity| largest(1, parity).is_some_and(|v| v < HIGH);
     let large = |parity| largest(0, parity).is_some_and(|v| v >= LOW);
     width.is_multiple_of(2) && small(0) && small(1) && large(0) && large(1)
 }
 
-fn words(bytes: &[u8], word: fn([u8; 2]) -> u16) -> Vec<u16> {
-    bytes.as_chunks().0.iter().map(|pair| word(*pair)).collect()
+fn words<S: Dn>(bytes: &[u8], word: fn([u8; 2]) -> u16) -> Vec<S> {
+    let dn = |pair| S::of(word(pair).into()).unwrap_or_default();
+    bytes.as_chunks().0.iter().map(|pair| dn(*pair)).collect()
 }
 
 /// Reads `.npy` bytes.
 ///
 /// # Errors
-/// Those of [`Layout::read`], and values that are not DN from 0 to 65535.
-pub fn decode(bytes: &[u8]) -> Result<Frames> {
+/// Those of [`Layout::read`], and values that are not whole numbers of the samples' type.
+pub fn decode<S: Dn>(bytes: &[u8]) -> Result<Frames<S>> {
     let layout = Layout::read(&mut &*bytes, bytes.len() as u64)?;
     let Layout { width, height, count, sample, big_endian, .. } = layout;
     let pixels = width * height;
     let samples = &bytes[layout.offset as usize..][..pixels * count * sample.bytes()];
-    let mut data: Vec<u16> = match sample {
+    let mut data: Vec<S> = match sample {
         Sample::U16 if big_endian => words(samples, u16::from_be_bytes),
         Sample::U16 => words(samples, u16::from_le_bytes),
         _ => {
@@ -162,12 +165,12 @@ mod tests {
             [&head.concat()[..], dictionary.as_bytes(), data].concat()
         };
         let words = [0x0140u16, 0x00f0, 0x0190, 0x03c0].map(u16::to_le_bytes).concat();
-        let error = decode(&array(&words)).unwrap_err().to_string();
+        let error = decode::<u16>(&array(&words)).unwrap_err().to_string();
         assert!(error.contains("view('<u2')"), "{error}");
         // Eight bits under red light: G R / B G.
-        let red = decode(&array(&[20, 200, 21, 210, 9, 22, 8, 23])).unwrap();
+        let red = decode::<u16>(&array(&[20, 200, 21, 210, 9, 22, 8, 23])).unwrap();
         assert_eq!(red.facts.bits, Some(8));
-        assert!(decode(&array(&[200, 20, 210, 21, 22, 9, 23, 8])).is_ok());
+        assert!(decode::<u16>(&array(&[200, 20, 210, 21, 22, 9, 23, 8])).is_ok());
     }
 
     /// What `numpy.save` of `numpy.asfortranarray([[1, 2, 3], [4, 5, 6]], '>u2')` writes.
@@ -179,7 +182,7 @@ mod tests {
         bytes.extend(dictionary.as_bytes());
         bytes.push(b'\n');
         bytes.extend([1u16, 4, 2, 5, 3, 6].iter().flat_map(|v| v.to_be_bytes()));
-        let frames = decode(&bytes).unwrap();
+        let frames = decode::<u16>(&bytes).unwrap();
         assert_eq!((frames.width(), frames.height()), (3, 2));
         assert_eq!(frames.planes[0].data, [1, 2, 3, 4, 5, 6]);
     }
@@ -199,7 +202,7 @@ mod tests {
             ("(2, 3, 1, 1)", (2, 3, 1)),
             ("(6, 1, 1)", (6, 1, 1)),
         ] {
-            let frames = decode(&array("<u2", shape, words())).unwrap();
+            let frames = decode::<u16>(&array("<u2", shape, words())).unwrap();
             let found = (frames.planes.len(), frames.height(), frames.width());
             assert_eq!(found, size, "{shape}");
             let samples: Vec<u16> = frames.planes.into_iter().flat_map(|p| p.data).collect();
@@ -209,7 +212,7 @@ mod tests {
 
     #[test]
     fn colours_behind_rows_and_columns_are_refused() {
-        let read = |shape: &str, count: usize| decode(&array("|u1", shape, vec![0; count]));
+        let read = |shape: &str, count: usize| decode::<u16>(&array("|u1", shape, vec![0; count]));
         for (shape, count) in [("(5, 6, 3)", 90), ("(5, 4, 2)", 40), ("(5, 6, 4)", 120)] {
             let error = read(shape, count).unwrap_err().to_string();
             assert!(error.contains("moveaxis(a, -1, 0)"), "{shape}: {error}");
@@ -223,7 +226,7 @@ mod tests {
     fn whole_numbers_of_any_type_are_read() {
         let values = [0u16, 300, 65535];
         let read = |descr: &str, data: Vec<u8>| {
-            decode(&array(descr, "(1, 3)", data)).map(|f| f.planes[0].data.clone())
+            decode::<u16>(&array(descr, "(1, 3)", data)).map(|f| f.planes[0].data.clone())
         };
         let all = |of: &dyn Fn(u16) -> Vec<u8>| values.iter().flat_map(|&v| of(v)).collect();
         for (descr, data) in [

@@ -89,7 +89,7 @@ fn gain_of_iso(iso: f64) -> Said<f64> {
     Said::new(iso / ISO_OF_UNITY, format!("ISO {iso}, with ISO 100 as gain 1"))
 }
 
-impl Facts {
+impl<S> Facts<S> {
     /// Exposure time that a file of these facts is to say, s.
     pub(super) fn exposure_to_say(&self) -> Option<f64> {
         let info = self.dng.as_ref().and_then(|info| info.exposure_s);

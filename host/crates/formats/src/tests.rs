@@ -739,7 +739,7 @@ proptest! {
         let mut bytes = magic.to_vec();
         bytes.extend(rest);
         let _ = decode(&bytes);
-        let _ = csi2::decode_stream(&bytes);
+        let _ = csi2::decode_stream::<u16>(&bytes);
         let _ = opcodes::decode(&bytes, &mut Vec::new());
         let _ = opcodes::names(&bytes);
     }

@@ -1,4 +1,4 @@
-//! Grey TIFF: 16-bit words, uncompressed, one page per frame.
+//! Grey TIFF: words of 16 bits, or of 32 for more, uncompressed, one page per frame.
 //!
 //! The reader takes grey pages of whole numbers from 0 to 65535, stored as integers or floats of 8
 //! to 64 bits, classic or BigTIFF, uncompressed or with one of the compressions of the `tiff`
@@ -10,10 +10,10 @@ mod stack;
 
 use super::ifd::Tiff;
 use super::{Facts, Frames, Taken, check_range, narrow, tiff_samples};
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Dn, Error, Plane, Result};
 use std::io::{Cursor, ErrorKind};
 use tiff::decoder::{Decoder, DecodingResult};
-use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype::Gray16};
+use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype};
 use tiff::tags::Tag;
 
 /// Bytes reserved per page for its directory when choosing between TIFF and BigTIFF: twice what a
@@ -24,26 +24,36 @@ const DIRECTORY: usize = 1024;
 ///
 /// # Errors
 /// Samples beyond the bits.
-pub fn encode(frames: &Frames) -> Result<Vec<u8>> {
+pub fn encode<S: Dn>(frames: &Frames<S>) -> Result<Vec<u8>> {
     if let Some(bits) = frames.facts.bits {
         frames.planes.iter().try_for_each(|p| check_range(&p.data, bits))?;
     }
     let pixels: usize = frames.planes.iter().map(|p| p.data.len()).sum();
-    let big = pixels * 2 + frames.planes.len() * DIRECTORY >= u32::MAX as usize;
-    let written =
-        if big { write::<TiffKindBig>(frames) } else { write::<TiffKindStandard>(frames) };
+    let bytes = pixels * size_of::<S>() + frames.planes.len() * DIRECTORY;
+    let written = if bytes >= u32::MAX as usize {
+        write::<S, TiffKindBig>(frames)
+    } else {
+        write::<S, TiffKindStandard>(frames)
+    };
     written.map_err(|e| Error::input(format!("TIFF: {e}")))
 }
 
-fn write<K: TiffKind>(frames: &Frames) -> std::result::Result<Vec<u8>, tiff::TiffError> {
+fn write<S: Dn, K: TiffKind>(frames: &Frames<S>) -> std::result::Result<Vec<u8>, tiff::TiffError> {
     let mut bytes = Cursor::new(Vec::new());
     let mut file = TiffEncoder::<_, K>::new_generic(&mut bytes)?;
     let note = frames.facts.note();
     for plane in &frames.planes {
         let (width, height) = (plane.width.try_into()?, plane.height.try_into()?);
-        let mut page = file.new_image::<Gray16>(width, height)?;
-        page.encoder().write_tag(Tag::ImageDescription, note.as_str())?;
-        page.write_data(&plane.data)?;
+        let words = plane.data.iter().map(|dn| (*dn).into());
+        if S::MAX_BITS == 16 {
+            let mut page = file.new_image::<colortype::Gray16>(width, height)?;
+            page.encoder().write_tag(Tag::ImageDescription, note.as_str())?;
+            page.write_data(&words.map(|word: u32| word as u16).collect::<Vec<_>>())?;
+        } else {
+            let mut page = file.new_image::<colortype::Gray32>(width, height)?;
+            page.encoder().write_tag(Tag::ImageDescription, note.as_str())?;
+            page.write_data(&words.collect::<Vec<_>>())?;
+        }
     }
     Ok(bytes.into_inner())
 }
@@ -51,9 +61,9 @@ fn write<K: TiffKind>(frames: &Frames) -> std::result::Result<Vec<u8>, tiff::Tif
 /// Reads TIFF bytes.
 ///
 /// # Errors
-/// Pages that are not grey or differ in size or kind, values that are not DN from 0 to 65535, a
-/// damaged or truncated file.
-pub fn decode(bytes: &[u8]) -> Result<Frames> {
+/// Pages that are not grey or differ in size or kind, values that are not whole
+/// numbers of the samples' type, a damaged or truncated file.
+pub fn decode<S: Dn>(bytes: &[u8]) -> Result<Frames<S>> {
     let mut file = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
     let description = file.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
@@ -102,15 +112,15 @@ fn failed(e: tiff::TiffError) -> Error {
 }
 
 /// One page.
-struct Page {
-    plane: Plane<u16>,
+struct Page<S> {
+    plane: Plane<S>,
     /// Bits per sample, where samples are unsigned integers of at most 16.
     bits: Option<u32>,
     white_is_zero: bool,
     orientation: u64,
 }
 
-impl Page {
+impl<S: Dn> Page<S> {
     /// The current page of the file.
     fn read(file: &mut Decoder<Cursor<&[u8]>>, bytes: &[u8]) -> Result<Self> {
         let (width, height) = file.dimensions().map_err(failed)?;
@@ -153,15 +163,16 @@ impl Page {
 }
 
 /// The samples as stored: where white is 0, the `tiff` crate has inverted them.
-fn samples(image: DecodingResult, inverted: bool) -> Result<Vec<u16>> {
+fn samples<S: Dn>(image: DecodingResult, inverted: bool) -> Result<Vec<S>> {
     let integers = |values: &mut dyn Iterator<Item = i128>| values.map(narrow::integer).collect();
     let floats = |values: &mut dyn Iterator<Item = f64>| values.map(narrow::float).collect();
     match image {
         DecodingResult::U8(data) => {
-            Ok(data.into_iter().map(|v| u16::from(if inverted { !v } else { v })).collect())
+            integers(&mut data.into_iter().map(|v| i128::from(if inverted { !v } else { v })))
         }
-        DecodingResult::U16(data) if inverted => Ok(data.into_iter().map(|v| !v).collect()),
-        DecodingResult::U16(data) => Ok(data),
+        DecodingResult::U16(data) => {
+            integers(&mut data.into_iter().map(|v| i128::from(if inverted { !v } else { v })))
+        }
         DecodingResult::U32(data) => {
             integers(&mut data.into_iter().map(|v| i128::from(if inverted { !v } else { v })))
         }
@@ -185,12 +196,12 @@ fn samples(image: DecodingResult, inverted: bool) -> Result<Vec<u16>> {
 }
 
 /// A page of packed samples, which the `tiff` crate does not read.
-fn packed(
+fn packed<S: Dn>(
     file: &mut Decoder<Cursor<&[u8]>>,
     bytes: &[u8],
     depth: u8,
     uncompressed: bool,
-) -> Result<Plane<u16>> {
+) -> Result<Plane<S>> {
     let refused = |what: &str| {
         Error::unsupported(format!("a TIFF of {depth} bits per sample, {what}"))
             .help("samples of 9 to 15 bits are read from uncompressed TIFF files")
@@ -204,7 +215,9 @@ fn packed(
     }
     let directory = file.ifd_pointer().ok_or_else(|| refused("without a directory"))?;
     let tiff = Tiff::open(bytes)?;
-    tiff_samples::read(&tiff, &tiff.ifd(directory.0 as usize)?)
+    let plane = tiff_samples::read(&tiff, &tiff.ifd(directory.0 as usize)?)?;
+    let data = plane.data.iter().map(|dn| S::of((*dn).into()).unwrap_or_default());
+    Ok(Plane { width: plane.width, height: plane.height, data: data.collect() })
 }
 
 #[cfg(test)]
@@ -277,13 +290,13 @@ mod tests {
         let floats = bytes_of(DN.map(|v| f32::from(v).to_le_bytes()));
         let wide = bytes_of(DN.map(|v| u32::from(v).to_le_bytes()));
         for (bits, format, strip) in [(16, 1, words), (32, 3, floats), (32, 1, wide)] {
-            let white = decode(&page(bits, 0, format, &strip)).unwrap();
+            let white = decode::<u16>(&page(bits, 0, format, &strip)).unwrap();
             assert_eq!(white.planes[0].data, DN, "{bits} bits, format {format}");
             assert!(white.facts.notes[0].contains("as stored"), "{:?}", white.facts.notes);
-            let black = decode(&page(bits, 1, format, &strip)).unwrap();
+            let black = decode::<u16>(&page(bits, 1, format, &strip)).unwrap();
             assert_eq!((black.planes, black.facts.notes), (white.planes, vec![]));
         }
-        let small = decode(&page(8, 0, 1, &[0, 1, 2, 3, 254, 255])).unwrap();
+        let small = decode::<u16>(&page(8, 0, 1, &[0, 1, 2, 3, 254, 255])).unwrap();
         assert_eq!(small.planes[0].data, [0, 1, 2, 3, 254, 255]);
     }
 
@@ -293,22 +306,22 @@ mod tests {
         let mut bytes = Cursor::new(Vec::new());
         let mut file = TiffEncoder::new(&mut bytes).unwrap();
         file.write_image::<tiff::encoder::colortype::Gray8>(3, 2, &[9; 6]).unwrap();
-        file.write_image::<Gray16>(3, 2, &DN).unwrap();
-        let said = decode(&bytes.into_inner()).unwrap_err().to_string();
+        file.write_image::<colortype::Gray16>(3, 2, &DN).unwrap();
+        let said = decode::<u16>(&bytes.into_inner()).unwrap_err().to_string();
         assert!(said.contains("pages of different depth"), "{said}");
     }
 
     #[test]
     fn whole_numbers_in_other_types_are_read_and_others_refused() {
         let signed = bytes_of(DN.map(|v| (v as i16).to_le_bytes()));
-        assert_eq!(decode(&page(16, 1, 2, &signed)).unwrap().planes[0].data, DN);
+        assert_eq!(decode::<u16>(&page(16, 1, 2, &signed)).unwrap().planes[0].data, DN);
         for (bits, format, strip, said) in [
             (16, 2, bytes_of([0i16, 1, -1, 3, 4, 5].map(i16::to_le_bytes)), "-1"),
             (32, 3, bytes_of([0f32, 1.0, 0.5, 3.0, 4.0, 5.0].map(f32::to_le_bytes)), "0.5"),
             (32, 3, bytes_of([f32::NAN; 6].map(f32::to_le_bytes)), "NaN"),
             (32, 1, bytes_of([65536u32; 6].map(u32::to_le_bytes)), "65536"),
         ] {
-            let error = decode(&page(bits, 1, format, &strip)).unwrap_err().to_string();
+            let error = decode::<u16>(&page(bits, 1, format, &strip)).unwrap_err().to_string();
             assert!(error.contains(said), "{error}");
         }
     }
@@ -326,7 +339,7 @@ mod tests {
         let file = |data: &[u8], text: &str| described([16, 1, 1], data, 12, text);
         let imagej = "ImageJ=1.11a\nimages=3\nchannels=3\nhyperstack=true\n\0";
         for text in [imagej, "{\"shape\": [3, 2, 3], \"truncated\": true}\0"] {
-            let frames = decode(&file(&words, text)).unwrap();
+            let frames = decode::<u16>(&file(&words, text)).unwrap();
             let data: Vec<_> = frames.planes.iter().map(|p| p.data.to_vec()).collect();
             assert_eq!(data, [DN, DN.map(|v| v / 2), DN.map(|v| v / 3)], "{text}");
             assert!(frames.facts.notes[0].contains("3 frames"), "{:?}", frames.facts.notes);
@@ -336,12 +349,12 @@ mod tests {
             behind[78] = behind.len() as u8;
             behind.extend(text.as_bytes());
             for (bytes, said) in [(short, "ends before"), (behind, "other data behind")] {
-                let error = decode(&bytes).unwrap_err().to_string();
+                let error = decode::<u16>(&bytes).unwrap_err().to_string();
                 assert!(error.contains("3 frames") && error.contains(said), "{error}");
             }
         }
         for text in ["ImageJ=1.11a\nimages=1\n\0", "{\"shape\": [2, 3]}\0", "images=3\0"] {
-            let frames = decode(&file(&words, text)).unwrap();
+            let frames = decode::<u16>(&file(&words, text)).unwrap();
             assert_eq!((frames.planes.len(), frames.facts.notes), (1, vec![]), "{text}");
         }
     }
@@ -349,26 +362,26 @@ mod tests {
     /// Fields that would change the samples are refused; an orientation has a note.
     #[test]
     fn fields_that_samples_depend_on_are_refused_or_told() {
-        let reversed = decode(&with_field(266, 3, 1, 2)).unwrap_err().to_string();
+        let reversed = decode::<u16>(&with_field(266, 3, 1, 2)).unwrap_err().to_string();
         assert!(reversed.contains("reversed bits (FillOrder 2)"), "{reversed}");
-        assert_eq!(decode(&with_field(266, 3, 1, 1)).unwrap().planes[0].data, DN);
+        assert_eq!(decode::<u16>(&with_field(266, 3, 1, 1)).unwrap().planes[0].data, DN);
         // Two fractions; the first bytes of the file will do.
-        let stack = decode(&with_field(33629, 5, 2, 0)).unwrap_err().to_string();
+        let stack = decode::<u16>(&with_field(33629, 5, 2, 0)).unwrap_err().to_string();
         assert!(stack.contains("2 planes in 1 page"), "{stack}");
-        assert_eq!(decode(&with_field(33629, 5, 1, 0)).unwrap().planes[0].data, DN);
-        let turned = decode(&with_field(274, 3, 1, 6)).unwrap();
+        assert_eq!(decode::<u16>(&with_field(33629, 5, 1, 0)).unwrap().planes[0].data, DN);
+        let turned = decode::<u16>(&with_field(274, 3, 1, 6)).unwrap();
         assert_eq!(turned.planes[0].data, DN);
         assert!(turned.facts.notes[0].contains("Orientation 6"), "{:?}", turned.facts.notes);
-        assert_eq!(decode(&with_field(274, 3, 1, 1)).unwrap().facts.notes, [""; 0]);
+        assert_eq!(decode::<u16>(&with_field(274, 3, 1, 1)).unwrap().facts.notes, [""; 0]);
     }
 
     #[test]
     fn packed_samples_are_read() {
         // 0x123 0x456 0x789, then a row that begins on a byte.
         let strip = [0x12, 0x34, 0x56, 0x78, 0x90, 0xAB, 0xCD, 0xEF, 0x01, 0x20];
-        let frames = decode(&page(12, 1, 1, &strip)).unwrap();
+        let frames = decode::<u16>(&page(12, 1, 1, &strip)).unwrap();
         assert_eq!(frames.planes[0].data, [0x123, 0x456, 0x789, 0xABC, 0xDEF, 0x012]);
         assert_eq!(frames.facts.bits, Some(12));
-        assert!(decode(&page(12, 1, 1, &strip[..9])).is_err());
+        assert!(decode::<u16>(&page(12, 1, 1, &strip[..9])).is_err());
     }
 }

@@ -4,7 +4,7 @@
 //! DN; levels and range stay. Charge binning adds the charges of n x n pixels before they are
 //! read: read noise counts once. It is a sensor of its own ([`charge_binned`]).
 
-use camrig_base::{Error, ErrorCode, RawFrame, Result};
+use camrig_base::{Dn, Error, ErrorCode, RawFrame, Result};
 use camrig_camera::Camera;
 
 /// A region of interest, pixels.
@@ -26,7 +26,7 @@ impl Region {
     /// # Errors
     /// A region that is empty, not inside the frame, or does not start at a whole period of the
     /// colour filter pattern.
-    pub fn of(&self, frame: &RawFrame) -> Result<RawFrame> {
+    pub fn of<S: Dn>(&self, frame: &RawFrame<S>) -> Result<RawFrame<S>> {
         let Self { x, y, width, height } = *self;
         let inside = |start: usize, length: usize, all: usize| {
             length > 0 && start.checked_add(length).is_some_and(|end| end <= all)
@@ -65,7 +65,7 @@ impl Readout {
     ///
     /// # Errors
     /// Those of [`Region::of`] and [`digitally_binned`].
-    pub fn of(&self, frame: RawFrame) -> Result<RawFrame> {
+    pub fn of<S: Dn>(&self, frame: RawFrame<S>) -> Result<RawFrame<S>> {
         let frame = match self.region {
             Some(region) => region.of(&frame)?,
             None => frame,
@@ -92,7 +92,7 @@ impl Readout {
 ///
 /// # Errors
 /// A frame of less than n periods of the colour filter pattern.
-pub fn digitally_binned(frame: &RawFrame, n: usize) -> Result<RawFrame> {
+pub fn digitally_binned<S: Dn>(frame: &RawFrame<S>, n: usize) -> Result<RawFrame<S>> {
     let (step_x, step_y) = (frame.cfa.width, frame.cfa.height);
     let side = |pixels: usize, step: usize| pixels / n.saturating_mul(step).max(1) * step;
     let (width, height) = (side(frame.width, step_x), side(frame.height, step_y));
@@ -111,15 +111,17 @@ pub fn digitally_binned(frame: &RawFrame, n: usize) -> Result<RawFrame> {
             let mut sum = 0u64;
             for j in 0..n {
                 let row = at(y, step_y, j) * frame.width;
-                sum += (0..n).map(|i| u64::from(frame.data[row + at(x, step_x, i)])).sum::<u64>();
+                sum += (0..n)
+                    .map(|i| u64::from(frame.data[row + at(x, step_x, i)].into()))
+                    .sum::<u64>();
             }
-            data.push(((sum + count / 2) / count) as u16);
+            data.push(S::of(((sum + count / 2) / count).into()).unwrap_or_default());
         }
     }
     Ok(RawFrame { width, height, data, ..without_data(frame) })
 }
 
-fn without_data(frame: &RawFrame) -> RawFrame {
+fn without_data<S: Dn>(frame: &RawFrame<S>) -> RawFrame<S> {
     RawFrame {
         width: 0,
         height: 0,

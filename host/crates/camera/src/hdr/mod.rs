@@ -184,6 +184,16 @@ impl Hdr {
         linear.min(f64::from(self.merge.max_dn())) as u32
     }
 
+    /// Bits of the linear signal.
+    pub fn linear_bits(&self) -> u32 {
+        self.merge.max_dn().ilog2() + 1
+    }
+
+    /// Rows that a capture is sent late, after the first that the sensor sends of a frame.
+    pub fn late_rows(&self, capture: &Capture) -> usize {
+        (capture.start_us / self.row_time_us).round() as usize
+    }
+
     /// Charge that a capture can see, e⁻.
     pub fn well_e(&self, capture: &Capture) -> f64 {
         let photodiode = &self.photodiodes[capture.photodiode];

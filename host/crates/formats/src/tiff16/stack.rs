@@ -5,7 +5,7 @@
 use super::{Page, failed};
 use crate::Frames;
 use crate::ifd::Tiff;
-use camrig_base::{Error, Result};
+use camrig_base::{Dn, Error, Result};
 use std::io::Cursor;
 use tiff::decoder::Decoder;
 use tiff::tags::Tag;
@@ -21,7 +21,11 @@ const UIC2: u16 = 33629;
 ///
 /// # Errors
 /// Frames that are not there, or not uncompressed behind the only page's.
-pub(super) fn further(frames: &mut Frames, description: &str, bytes: &[u8]) -> Result<()> {
+pub(super) fn further<S: Dn>(
+    frames: &mut Frames<S>,
+    description: &str,
+    bytes: &[u8],
+) -> Result<()> {
     let pages = frames.planes.len();
     let first = Tiff::open(bytes).and_then(|tiff| tiff.ifd(tiff.first()?));
     let planes = first.as_ref().ok().and_then(|first| first.count(UIC2));
