@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let exposure_s = args.frames.exposure_s(&camera, sensor.first(), &cube)?;
     let (illuminant, first) = (light.as_ref(), &cube);
     let subject = Subject { camera: &camera, sensor: &sensor, exposure_s, illuminant, first };
-    expose_frames(&args.frames, &subject, &mut |_, _| Ok(NextLight::Same), &mut sink)?;
+    expose_frames(&args.frames, &subject, &mut |_, _| Ok(vec![NextLight::Same]), &mut sink)?;
     let mut header = cube.header.clone();
     header.lux = args.lux.or(header.lux);
     let mut made_of = vec![("irradiance of", header.made_of.clone())];

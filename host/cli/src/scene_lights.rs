@@ -7,7 +7,7 @@ use super::times::{Times, refuse_regions};
 use super::view_args::ViewArgs;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
-use camrig_camera::Camera;
+use camrig_camera::{Camera, RowWindows, Window};
 use camrig_exposure::IrradianceCube;
 use camrig_light::Lamps;
 use camrig_light::lamp::Region;
@@ -101,44 +101,74 @@ impl SceneLights {
         self.times.as_mut()
     }
 
-    /// The light of frame `frame` at its exposure; frames must be asked for in order, from 0.
-    /// `first` is the light with which the scene was opened.
+    /// The light of frame `frame` at its exposure, of a sensor with one capture; as
+    /// [`Self::in_windows`].
     pub fn next(
         &mut self,
         frame: u32,
         exposure_s: f64,
         first: &IrradianceCube,
     ) -> Result<NextLight> {
+        let mut one = self.in_windows(frame, &[Window { start_s: 0.0, exposure_s }], first)?;
+        Ok(one.swap_remove(0))
+    }
+
+    /// The light of frame `frame` in the windows of its captures; frames must be asked for in
+    /// order, from 0. `first` is the light with which the scene was opened. One light for all
+    /// windows where it does not change within a frame, else one for each.
+    pub fn in_windows(
+        &mut self,
+        frame: u32,
+        windows: &[Window],
+        first: &IrradianceCube,
+    ) -> Result<Vec<NextLight>> {
         if self.stand_still() {
-            return Ok(NextLight::Same);
+            return Ok(vec![NextLight::Same]);
         }
         let Some(times) = &mut self.times else {
-            return match &mut self.changes {
-                _ if frame == 0 => Ok(NextLight::Same),
-                Changes::Never(_) => Ok(NextLight::Same),
+            let light = match &mut self.changes {
+                _ if frame == 0 => NextLight::Same,
+                Changes::Never(_) => NextLight::Same,
                 Changes::Motion(stage) => {
-                    Ok(NextLight::Changed(stage.run_frame(&self.camera, frame, |_, _| ())?.cube))
+                    NextLight::Changed(stage.run_frame(&self.camera, frame, |_, _| ())?.cube)
                 }
-                Changes::Sequence(sequence) => sequence.next(&self.camera, frame),
+                Changes::Sequence(sequence) => sequence.next(&self.camera, frame)?,
             };
+            return Ok(vec![light]);
         };
-        let windows = times.next(exposure_s)?;
-        let same = |cube: Option<IrradianceCube>| cube.map_or(NextLight::Same, NextLight::Changed);
+        let end_s = windows.iter().map(Window::end_s).fold(0.0, f64::max);
+        let (rows, period_s) = (times.next(end_s)?, times.period_s(end_s));
+        windows.iter().map(|w| self.in_rows(frame, &rows.part(w), period_s, first)).collect()
+    }
+
+    /// The light of a frame whose rows collect it in `windows`.
+    fn in_rows(
+        &mut self,
+        frame: u32,
+        windows: &RowWindows,
+        period_s: f64,
+        first: &IrradianceCube,
+    ) -> Result<NextLight> {
+        let Some(times) = &self.times else { return Ok(NextLight::Same) };
+        let lit = |cube: IrradianceCube| {
+            Ok(NextLight::Changed(times.lit(&cube, &[], windows)?.unwrap_or(cube)))
+        };
+        let still = |parts: &[IrradianceCube]| {
+            let cube = times.lit(first, parts, windows)?;
+            Ok(cube.map_or(NextLight::Same, NextLight::Changed))
+        };
         match &mut self.changes {
-            Changes::Never(parts) => times.lit(first, parts, &windows).map(same),
+            Changes::Never(parts) => still(parts),
             Changes::Motion(stage) => {
-                let of = (&windows, times.period_s(exposure_s));
-                let cube = stage.run_exposed(&self.camera, of, &times.lamps, |_, _| ())?.cube;
-                Ok(NextLight::Changed(times.lit(&cube, &[], &windows)?.unwrap_or(cube)))
+                let of = (windows, period_s);
+                lit(stage.run_exposed(&self.camera, of, &times.lamps, |_, _| ())?.cube)
             }
             Changes::Sequence(sequence) if sequence.is_in_time() => {
                 sequence.exposed(&self.camera, &windows.rows().collect::<Vec<_>>())
             }
-            Changes::Sequence(_) if frame == 0 => times.lit(first, &[], &windows).map(same),
+            Changes::Sequence(_) if frame == 0 => still(&[]),
             Changes::Sequence(sequence) => match sequence.next(&self.camera, frame)? {
-                NextLight::Changed(cube) => {
-                    Ok(NextLight::Changed(times.lit(&cube, &[], &windows)?.unwrap_or(cube)))
-                }
+                NextLight::Changed(cube) => lit(cube),
                 other => Ok(other),
             },
         }

@@ -7,7 +7,7 @@ use super::taking::{Sensor, Subject, expose_frames};
 use super::times::TimeArgs;
 use super::view_args::ViewArgs;
 use camrig_base::{Error, Result};
-use camrig_camera::Camera;
+use camrig_camera::{Camera, Window};
 use camrig_exposure::CubeHeader;
 use camrig_optics::{Misplaced, NodeReport};
 use camrig_render::OpticsOutput;
@@ -92,16 +92,17 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         cube.save(path, frames.force)?;
     }
     let sensor = Sensor::in_light(&camera, &cube.header, 1.0)?;
-    if matches!(sensor, Sensor::Several(_)) && lights.change_within_frames() {
-        return Err(Error::unsupported(
-            "several windows in one frame of light that changes with time",
-        )
-        .help("use steady light, or simulate one capture with --capture"));
+    if matches!(sensor, Sensor::Several(_)) && lights.change_within_frames() && until_over {
+        return Err(Error::unsupported("several windows in one frame of a sequence in time")
+            .help(
+                "use a still scene with --lamp, one with --motion, or simulate one capture with \
+             --capture",
+            ));
     }
     let exposure_s = frames.exposure_s(&camera, sensor.first(), &cube)?;
     let (illuminant, first) = (light.as_ref(), &cube);
     let subject = Subject { camera: &camera, sensor: &sensor, exposure_s, illuminant, first };
-    let mut next = |frame, exposure_s| lights.next(frame, exposure_s, &cube);
+    let mut next = |frame, windows: &[Window]| lights.in_windows(frame, windows, &cube);
     let taken = expose_frames(&frames, &subject, &mut next, &mut sink)?;
     lights.tell_end(taken, frames.frames);
     let mut made_of = vec![

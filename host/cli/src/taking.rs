@@ -4,18 +4,18 @@ use super::arguments::{self, FrameArgs};
 use super::frame_sink::{FrameSink, Named};
 use super::scene_lights::NextLight;
 use camrig_base::{Error, Plane, RawFrame, Result};
-use camrig_camera::Camera;
 use camrig_camera::hdr::{Hdr, HdrOutput};
-use camrig_exposure::hdr::{HdrSensor, Sent};
-use camrig_exposure::{CubeHeader, FrameOptions, IrradianceCube};
+use camrig_camera::{Camera, Window};
+use camrig_exposure::hdr::{HdrSensor, Seen, Sent};
+use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::csi2;
 use camrig_light::Illuminant;
 use camrig_render::{self as render, SimulatedSensor};
 use camrig_rig::SensorStage;
 use camrig_sensor_core::config::FrameSettings;
 
-/// The light of frames 0, 1, ... at their exposures, s.
-pub type Lights<'a> = dyn FnMut(u32, f64) -> Result<NextLight> + 'a;
+/// The light of frames 0, 1, ... in the windows of their captures: one for all, or one for each.
+pub type Lights<'a> = dyn FnMut(u32, &[Window]) -> Result<Vec<NextLight>> + 'a;
 
 /// The sensor of a camera: one that reads each pixel once, or several times.
 pub enum Sensor {
@@ -95,7 +95,7 @@ pub fn expose_frames(
     let bar = arguments::frames_bar(args.count());
     let mut taken = 0;
     // Irradiance of this frame and of the previous one, unless it is that of the first.
-    let (mut changed, mut before) = (None, None);
+    let (mut now, mut last) = (Vec::new(), Vec::new());
     // Exposure of the frame before, s.
     let mut previous: Option<f32> = None;
     for i in 0..args.count() {
@@ -103,26 +103,30 @@ pub fn expose_frames(
             break;
         }
         let settings = args.settings(camera, exposure_s, i);
-        let mut same = true;
-        match next(i, settings.exposure_s.into())? {
-            NextLight::Same => {}
-            NextLight::Changed(cube) => {
-                before = changed.replace(cube);
-                same = false;
-            }
-            NextLight::Over => break,
+        let lights = next(i, &windows(camera, settings.exposure_s.into()))?;
+        if lights.iter().any(|light| matches!(light, NextLight::Over)) {
+            break;
         }
-        let cube = changed.as_ref().unwrap_or(first);
-        let before = (i > 0).then(|| if same { cube } else { before.as_ref().unwrap_or(first) });
-        let seen = Seen { cube, before, previous_s: previous.replace(settings.exposure_s) };
+        let changed = lights.into_iter().filter_map(|light| match light {
+            NextLight::Changed(cube) => Some(cube),
+            NextLight::Same | NextLight::Over => None,
+        });
+        let changed: Vec<IrradianceCube> = changed.collect();
+        let same = changed.is_empty();
+        if !same {
+            last = std::mem::replace(&mut now, changed);
+        }
+        let before = (i > 0).then_some(if same { &now[..] } else { &last[..] });
+        let previous_s = previous.replace(settings.exposure_s);
+        let light = Light { first, now: &now, before, previous_s };
         match &mut stage {
             Stage::One(stage, sensor) => {
-                let frame = one(args, stage, sensor, &seen, &settings)?;
-                let info = info(args, subject, camera, (cube, &settings))?;
+                let frame = one(args, stage, sensor, &light, &settings)?;
+                let info = info(args, subject, camera, (light.of(0).cube, &settings))?;
                 sink.write(&args.readout.readout().of(frame)?, &info)?;
             }
             Stage::Several(sensor) => {
-                several_frames(args, subject, sensor, (&seen, &settings), sink)?
+                several_frames(args, subject, sensor, (&light, &settings), sink)?
             }
         }
         taken += 1;
@@ -137,13 +141,33 @@ enum Stage<'a> {
     Several(&'a HdrSensor),
 }
 
-/// What a sensor sees in a frame.
-struct Seen<'a> {
-    cube: &'a IrradianceCube,
-    /// Irradiance of the frame before; none before the first.
-    before: Option<&'a IrradianceCube>,
+/// When the captures of a camera collect light in a frame of this exposure.
+fn windows(camera: &Camera, exposure_s: f64) -> Vec<Window> {
+    match &camera.sensor.hdr {
+        Some(hdr) => hdr.windows(exposure_s),
+        None => vec![Window { start_s: 0.0, exposure_s }],
+    }
+}
+
+/// What a sensor sees in a frame: irradiance of all its captures, or of each; none where it is
+/// that of the first frame.
+struct Light<'a> {
+    first: &'a IrradianceCube,
+    now: &'a [IrradianceCube],
+    /// That of the frame before; `None` before the first.
+    before: Option<&'a [IrradianceCube]>,
     /// Exposure of the frame before, s.
     previous_s: Option<f32>,
+}
+
+impl<'a> Light<'a> {
+    /// What a capture sees.
+    fn of(&self, capture: usize) -> Seen<'a> {
+        let one = |cubes: &'a [IrradianceCube]| {
+            cubes.get(capture).or(cubes.first()).unwrap_or(self.first)
+        };
+        Seen { cube: one(self.now), before: self.before.map(one) }
+    }
 }
 
 /// The stage of a sensor with one capture, here or on a rig.
@@ -186,10 +210,10 @@ fn one(
     args: &FrameArgs,
     stage: &mut SensorStage,
     sensor: &SimulatedSensor,
-    seen: &Seen<'_>,
+    light: &Light<'_>,
     settings: &FrameSettings,
 ) -> Result<RawFrame> {
-    let &Seen { cube, before, previous_s } = seen;
+    let (Seen { cube, before }, previous_s) = (light.of(0), light.previous_s);
     let mut take = |settings: &FrameSettings, (before, previous_s): (Option<_>, _)| {
         let mut settings = *settings;
         settings.previous_exposure_s = previous_s;
@@ -231,15 +255,14 @@ fn several_frames(
     args: &FrameArgs,
     subject: &Subject<'_>,
     sensor: &HdrSensor,
-    (seen, settings): (&Seen<'_>, &FrameSettings),
+    (light, settings): (&Light<'_>, &FrameSettings),
     sink: &mut FrameSink,
 ) -> Result<()> {
     let mut own = *settings;
-    own.previous_exposure_s = seen.previous_s;
-    let options = FrameOptions { before: seen.before, arithmetic: args.arith };
-    let frame = sensor.frame(seen.cube, &own, options)?;
+    own.previous_exposure_s = light.previous_s;
+    let frame = sensor.frame(|i| light.of(i), &own, args.arith)?;
     let (hdr, readout) = (sensor.hdr(), args.readout.readout());
-    let mut merged = info(args, subject, subject.camera, (seen.cube, settings))?;
+    let mut merged = info(args, subject, subject.camera, (light.of(0).cube, settings))?;
     render::describe_merged(&mut merged, hdr, &subject.camera.sensor.cfa);
     match sensor.sent(frame, settings.analog_gain.into()) {
         Sent::Merged(frame) => sink.write(&readout.of(frame)?, &merged),
@@ -247,7 +270,7 @@ fn several_frames(
         Sent::Captures(frames) => {
             let frames = frames.into_iter().map(|frame| readout.of(frame));
             let frames = frames.collect::<Result<Vec<_>>>()?;
-            captures(args, subject, hdr, &frames, (seen, settings), sink)
+            captures(args, subject, hdr, &frames, (light, settings), sink)
         }
     }
 }
@@ -259,7 +282,7 @@ fn captures(
     subject: &Subject<'_>,
     hdr: &Hdr,
     frames: &[RawFrame],
-    (seen, settings): (&Seen<'_>, &FrameSettings),
+    (light, settings): (&Light<'_>, &FrameSettings),
     sink: &mut FrameSink,
 ) -> Result<()> {
     let number = settings.frame;
@@ -275,7 +298,8 @@ fn captures(
     for (i, (frame, capture)) in frames.iter().zip(&hdr.captures).enumerate() {
         let plain = subject.camera.of_capture(i);
         let plain = plain.ok_or_else(|| Error::internal("a capture without a camera"))?;
-        let info = info(args, subject, &plain, (seen.cube, &hdr.settings(capture, settings)))?;
+        let own = hdr.settings(capture, settings);
+        let info = info(args, subject, &plain, (light.of(i).cube, &own))?;
         if together {
             sink.note(format!("frame {number} {}", capture.name), frame, &info)?;
         } else {

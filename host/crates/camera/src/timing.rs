@@ -53,6 +53,23 @@ impl SensorTiming {
     }
 }
 
+/// When a row collects light, after the beginning of its frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// When it begins, s.
+    pub start_s: f64,
+    /// How long it lasts, s.
+    pub exposure_s: f64,
+}
+
+impl Window {
+    /// When it ends, s.
+    #[must_use]
+    pub fn end_s(&self) -> f64 {
+        self.start_s + self.exposure_s
+    }
+}
+
 /// When the rows of one frame collect light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RowWindows {
@@ -90,6 +107,14 @@ impl RowWindows {
     #[must_use]
     pub fn span(&self) -> [f64; 2] {
         [self.at(0.0)[0], self.at(f64::from(self.rows - 1))[1]]
+    }
+
+    /// The windows of one of several exposures in these: each begins so long after these open.
+    #[must_use]
+    pub fn part(&self, window: &Window) -> Self {
+        let before_the_end_s = self.exposure_s - window.end_s();
+        let first_close_s = self.first_close_s - before_the_end_s;
+        Self { first_close_s, exposure_s: window.exposure_s, ..*self }
     }
 
     /// Whether all rows collect light at once.

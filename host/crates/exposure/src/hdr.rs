@@ -1,6 +1,6 @@
 //! Frames of a sensor that reads each pixel several times.
 
-use super::sensor::{FrameOptions, SimulatedSensor};
+use super::sensor::{Arithmetic, FrameOptions, SimulatedSensor};
 use super::{CubeHeader, IrradianceCube};
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
@@ -14,6 +14,15 @@ use rayon::prelude::*;
 pub struct HdrSensor {
     sensors: Vec<SimulatedSensor>,
     hdr: Hdr,
+}
+
+/// Light that a capture sees.
+#[derive(Clone, Copy)]
+pub struct Seen<'a> {
+    /// Irradiance, mean over its window.
+    pub cube: &'a IrradianceCube,
+    /// That of the frame before, if there was one.
+    pub before: Option<&'a IrradianceCube>,
 }
 
 /// One exposure of an [`HdrSensor`].
@@ -53,19 +62,22 @@ impl HdrSensor {
         &self.sensors
     }
 
-    /// One frame of `cube`: every window sees the same light, for its own time.
+    /// One frame, of the light that `seen` says for each capture: the mean over its window.
     ///
     /// # Errors
     /// Windows of a photodiode that overlap at this exposure; settings out of range; irradiance
     /// that cannot be read.
-    pub fn frame(
+    pub fn frame<'a>(
         &self,
-        cube: &IrradianceCube,
+        seen: impl Fn(usize) -> Seen<'a>,
         settings: &FrameSettings,
-        options: FrameOptions<'_>,
+        arithmetic: Arithmetic,
     ) -> Result<HdrFrame> {
         self.hdr.check_exposure(settings.exposure_s.into())?;
-        let captures = self.sensors.iter().zip(&self.hdr.captures).map(|(sensor, capture)| {
+        let captures = self.sensors.iter().zip(&self.hdr.captures).enumerate();
+        let captures = captures.map(|(i, (sensor, capture))| {
+            let Seen { cube, before } = seen(i);
+            let options = FrameOptions { before, arithmetic };
             sensor.frame_with(cube, &self.hdr.settings(capture, settings), options)
         });
         let captures = captures.collect::<Result<Vec<RawFrame>>>()?;

@@ -242,6 +242,47 @@ mod tests {
         Lamps::new(vec![Lamp { waveform, share: 1.0, region: None }]).unwrap()
     }
 
+    /// How bright exposures of any phase see a pulsed lamp, over its mean: golden/hdr/led.csv.
+    #[test]
+    fn pulses_are_seen_or_missed_by_exposures() {
+        let Some(file) = camrig_testing::shared("golden/hdr/led.csv") else { return };
+        let mut lines = 0;
+        for line in std::fs::read_to_string(file).unwrap().lines().skip(1) {
+            let number: Vec<f64> = line.split(',').map(|v| v.parse().unwrap()).collect();
+            let (hz, duty) = (number[0], number[1]);
+            // The table has the periods of an exposure in eight digits.
+            let exposure = if number[2] == 11.111111 { 1.0 / 90.0 } else { 1e-3 * number[2] };
+            let lamps = alone(Waveform::Pulse { hz, duty, phase: 0.0 });
+            let seen = |begin: f64| lamps.mean([begin / hz, begin / hz + exposure]);
+            // Linear in the beginning between those at which an edge of a pulse meets an end of
+            // the window, so that Simpson's rule is exact for squares.
+            let turn = |begin: f64| begin - begin.floor();
+            let periods = hz * exposure;
+            let mut turns = [0.0, duty, turn(-periods), turn(duty - periods), 1.0];
+            turns.sort_by(f64::total_cmp);
+            let extremes = turns.map(seen);
+            let brightest = extremes.into_iter().fold(0.0, f64::max);
+            let darkest = extremes.into_iter().fold(f64::INFINITY, f64::min);
+            let modulation = (brightest - darkest) / (brightest + darkest);
+            let (mut squares, mut share) = (0.0, 0.0);
+            for pair in turns.windows(2) {
+                let width = pair[1] - pair[0];
+                let values = [pair[0], 0.5 * (pair[0] + pair[1]), pair[1]].map(seen);
+                let square = values.map(|value| (value - 1.0).powi(2));
+                squares += width * (square[0] + 4.0 * square[1] + square[2]) / 6.0;
+                share += if values[1] < 1e-9 { width } else { 0.0 };
+            }
+            let rms = squares.sqrt();
+            for (i, found) in [(4, brightest), (5, darkest), (6, modulation), (7, rms), (9, share)]
+            {
+                let close = (found - number[i]).abs() < 1e-6 * number[i].max(1.0);
+                assert!(close, "{found} for column {i}: {line}");
+            }
+            lines += 1;
+        }
+        assert!(lines > 20);
+    }
+
     /// Rows of a rolling shutter under mains and pulses: golden/light/lamp_rows.csv, whose mains
     /// phase is in radians.
     #[test]

@@ -20,7 +20,7 @@ mod tests;
 pub(crate) use check::{check_chains, effect_on, hdr};
 pub use file::HdrOutput;
 
-use crate::Camera;
+use crate::{Camera, Window};
 use camrig_base::{Error, Result, Spectrum};
 use camrig_sensor_core::config::{FrameSettings, Streams};
 use camrig_sensor_core::effects::Effect;
@@ -141,6 +141,15 @@ impl Hdr {
         let mut own = settings.with_exposure(exposure(settings.exposure_s)).with_gain(gain);
         own.previous_exposure_s = settings.previous_exposure_s.map(exposure);
         own
+    }
+
+    /// When the captures collect light in frames of this exposure.
+    pub fn windows(&self, exposure_s: f64) -> Vec<Window> {
+        let window = |capture: &Capture| Window {
+            start_s: 1e-6 * capture.start_us,
+            exposure_s: exposure_s * capture.exposure_ratio,
+        };
+        self.captures.iter().map(window).collect()
     }
 
     /// Checks that the windows of each photodiode follow each other in a frame of this exposure.

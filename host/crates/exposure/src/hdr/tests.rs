@@ -1,8 +1,8 @@
 //! Frames of HDR sensors against the figures of `golden/hdr`.
 
-use super::HdrSensor;
+use super::{HdrSensor, Seen};
 use crate::rows::{Vector, rows};
-use crate::{CubeHeader, FrameOptions, IrradianceCube};
+use crate::{Arithmetic, CubeHeader, IrradianceCube};
 use camrig_camera::hdr::Hdr;
 use camrig_camera::{Camera, Change};
 use camrig_sensor_core::arith::{Arith, Block, Fixed, Float};
@@ -193,7 +193,8 @@ fn flat(camera: &Camera, exposure_s: f64, mu: f64, frame: u32) -> super::HdrFram
     let per_s = camera.of_capture(0).unwrap().sensor.response(&band)[0][0];
     let sensor = HdrSensor::in_light(camera, &cube.header, mu / (per_s * exposure_s)).unwrap();
     let settings = FrameSettings::new(exposure_s as f32).with_frame(frame);
-    sensor.frame(&cube, &settings, FrameOptions::default()).unwrap()
+    let seen = |_| Seen { cube: &cube, before: None };
+    sensor.frame(seen, &settings, Arithmetic::F32).unwrap()
 }
 
 fn mean_and_deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
@@ -305,6 +306,7 @@ fn a_sensor_of_several_captures_is_not_read_as_one() {
     let overlapping = HdrSensor::in_light(&camera, &header(&camera), 1.0).unwrap();
     let cube = IrradianceCube::uniform(header(&camera), &[1.0]).unwrap();
     let long = FrameSettings::new(0.03);
-    let e = overlapping.frame(&cube, &long, FrameOptions::default()).err().unwrap();
+    let seen = |_| Seen { cube: &cube, before: None };
+    let e = overlapping.frame(seen, &long, Arithmetic::F32).err().unwrap();
     assert!(e.to_string().contains("overlap"), "{e}");
 }
