@@ -67,11 +67,15 @@ impl Samples<'_> {
         }
     }
 
-    /// The frame in as many bits as pictures need.
-    fn picture(&self) -> Cow<'_, RawFrame> {
+    /// The frame in 16 bits at most, and how many times brighter it is in these: up to its
+    /// brightest sample, so that dark parts of a large range keep their steps.
+    fn picture(&self) -> (Cow<'_, RawFrame>, f64) {
         match self {
-            Self::Frame(frame) => Cow::Borrowed(frame),
-            Self::Wide(frame) => Cow::Owned(frame.upper_16_bits()),
+            Self::Frame(frame) => (Cow::Borrowed(frame), 1.0),
+            Self::Wide(frame) => {
+                let (frame, gain) = frame.in_16_bits();
+                (Cow::Owned(frame), gain)
+            }
         }
     }
 
@@ -95,11 +99,14 @@ pub struct FrameSink {
 }
 
 /// Which frame it is: of which exposure, and of which of its captures if there are several.
+#[derive(Default)]
 pub struct Named<'a> {
     /// Number of the exposure.
     pub number: u32,
     /// Name of the capture.
     pub name: Option<&'a str>,
+    /// Payloads of its embedded data lines, for outputs that have such.
+    pub embedded: Vec<Vec<u8>>,
 }
 
 impl FrameArgs {
@@ -202,13 +209,17 @@ impl FrameSink {
     /// Writes the next frame.
     pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
         let number = self.count as u32;
-        self.write_named(&Named { number, name: None }, frame, info)
+        self.write_named(&Named { number, ..Named::default() }, frame, info)
     }
 
-    /// Writes the next frame, of more than 16 bits.
-    pub fn write_wide(&mut self, frame: &RawFrame<u32>, info: &DngInfo) -> Result<()> {
-        let number = self.count as u32;
-        self.put(&Named { number, name: None }, Samples::Wide(frame), info)
+    /// Writes a frame of more than 16 bits.
+    pub fn write_wide(
+        &mut self,
+        is: &Named<'_>,
+        frame: &RawFrame<u32>,
+        info: &DngInfo,
+    ) -> Result<()> {
+        self.put(is, Samples::Wide(frame), info)
     }
 
     /// Writes a frame of an exposure.
@@ -230,16 +241,21 @@ impl FrameSink {
         }
     }
 
-    /// Counts a frame that is written, for the report and the figures.
-    pub fn note(&mut self, file: String, frame: &RawFrame, info: &DngInfo) -> Result<()> {
-        self.noted(file, Samples::Frame(frame), info)
+    /// Counts a capture that is written, for the report and the figures.
+    pub fn note(&mut self, is: &Named<'_>, frame: &RawFrame, info: &DngInfo) -> Result<()> {
+        let capture = is.name.unwrap_or_default();
+        let name = format!("{} frame {} {capture}", self.path.display(), is.number);
+        self.noted(name, Samples::Frame(frame), info)
     }
 
     fn put(&mut self, is: &Named<'_>, samples: Samples<'_>, info: &DngInfo) -> Result<()> {
         let number = self.count;
+        let beside = Beside { embedded: is.embedded.clone(), ..Beside::default() };
         let encoded = || match &self.kind {
             Kind::Picture => {
-                let (picture, factor) = preview::bright(&samples.picture(), info);
+                let (frame, gain) = samples.picture();
+                let (picture, factor) = preview::bright(&frame, info);
+                let factor = factor * gain;
                 eprintln!("note: {}", preview::brightness_words(factor));
                 png::encode_rgb(&picture)
             }
@@ -269,16 +285,16 @@ impl FrameSink {
                         if number == 0 {
                             live::tell(encoder, frame);
                         }
-                        encoder.encode(frame, &Beside::default())?
+                        encoder.encode(frame, &beside)?
                     }
-                    Samples::Wide(frame) => encoder.encode_wide(frame)?,
+                    Samples::Wide(frame) => encoder.encode_wide(frame, &beside)?,
                 };
                 file.write_all(&bytes).map_err(|e| Error::io("write", &self.path, e))?;
             }
             (Place::Live(frames, _), Samples::Frame(frame)) => {
-                frames.write(frame, &Beside::default())?;
+                frames.write(frame, &beside)?;
             }
-            (Place::Live(frames, _), Samples::Wide(frame)) => frames.write_wide(frame)?,
+            (Place::Live(frames, _), Samples::Wide(frame)) => frames.write_wide(frame, &beside)?,
             (Place::Stack(stack), _) => stack.push(samples, info),
         }
         self.noted(name, samples, info)
@@ -287,7 +303,7 @@ impl FrameSink {
     fn noted(&mut self, name: String, samples: Samples<'_>, info: &DngInfo) -> Result<()> {
         if let Some((_, frames)) = &mut self.report {
             let file = Path::new(&name).file_name().unwrap_or_default().to_string_lossy();
-            frames.add(&file, &samples.picture(), info)?;
+            frames.add(&file, &samples.picture().0, info)?;
         }
         self.count += 1;
         if self.count <= FIGURES || !matches!(self.place, Place::Live(..)) {

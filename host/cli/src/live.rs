@@ -72,8 +72,8 @@ impl LiveFrames {
     }
 
     /// Writes the next frame, of more than 16 bits.
-    pub fn write_wide(&mut self, frame: &RawFrame<u32>) -> Result<()> {
-        self.output.push(&self.encoder.encode_wide(frame)?)?;
+    pub fn write_wide(&mut self, frame: &RawFrame<u32>, beside: &Beside) -> Result<()> {
+        self.output.push(&self.encoder.encode_wide(frame, beside)?)?;
         self.frames += 1;
         Ok(())
     }

@@ -264,9 +264,14 @@ fn several_frames(
     let (hdr, readout) = (sensor.hdr(), args.readout.readout());
     let mut merged = info(args, subject, subject.camera, (light.of(0).cube, settings))?;
     render::describe_merged(&mut merged, hdr, &subject.camera.sensor.cfa);
+    let is = |bits| Named {
+        number: settings.frame.wrapping_sub(args.first_number()),
+        name: None,
+        embedded: vec![render::embedded_line(hdr, settings, bits)],
+    };
     match sensor.sent(frame, settings.analog_gain.into()) {
-        Sent::Merged(frame) => sink.write(&readout.of(frame)?, &merged),
-        Sent::Wide(frame) => sink.write_wide(&readout.of(frame)?, &merged),
+        Sent::Merged(frame) => sink.write_named(&is(frame.bits), &readout.of(frame)?, &merged),
+        Sent::Wide(frame) => sink.write_wide(&is(frame.bits), &readout.of(frame)?, &merged),
         Sent::Captures(frames) => {
             let frames = frames.into_iter().map(|frame| readout.of(frame));
             let frames = frames.collect::<Result<Vec<_>>>()?;
@@ -285,14 +290,14 @@ fn captures(
     (light, settings): (&Light<'_>, &FrameSettings),
     sink: &mut FrameSink,
 ) -> Result<()> {
-    let number = settings.frame;
+    let number = settings.frame.wrapping_sub(args.first_number());
     let planes: Vec<Plane<u16>> = frames.iter().map(RawFrame::plane).collect();
     let sent = planes.iter().zip(&hdr.captures).map(|(plane, capture)| csi2::Sent {
         plane,
         bits: capture.bits.into(),
         virtual_channel: capture.virtual_channel,
         late_rows: hdr.late_rows(capture),
-        embedded: Vec::new(),
+        embedded: vec![render::embedded_line(hdr, settings, capture.bits.into())],
     });
     let together = sink.write_captures(&sent.collect::<Vec<_>>())?;
     for (i, (frame, capture)) in frames.iter().zip(&hdr.captures).enumerate() {
@@ -300,10 +305,10 @@ fn captures(
         let plain = plain.ok_or_else(|| Error::internal("a capture without a camera"))?;
         let own = hdr.settings(capture, settings);
         let info = info(args, subject, &plain, (light.of(i).cube, &own))?;
-        if together {
-            sink.note(format!("frame {number} {}", capture.name), frame, &info)?;
-        } else {
-            sink.write_named(&Named { number, name: Some(&capture.name) }, frame, &info)?;
+        let is = Named { number, name: Some(&capture.name), ..Named::default() };
+        match together {
+            true => sink.note(&is, frame, &info)?,
+            false => sink.write_named(&is, frame, &info)?,
         }
     }
     Ok(())

@@ -72,6 +72,77 @@ fn what_is_sent_is_the_merge_of_the_captures() {
     }
 }
 
+/// The linear signal of 24 bits, and the captures on virtual channels.
+#[test]
+fn wide_samples_and_channels_are_the_same_in_every_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = "colorchecker --lux 300000 --exposure 11.264ms";
+    let captures = simulate(folder.path(), "captures", scene);
+    std::fs::write(folder.path().join("linear.toml"), hdr::camera("split4", SIZE, "linear"))
+        .unwrap();
+    let run = |camera: &str, file: &str| {
+        camrig_ok(folder.path(), &format!("simulate --camera {camera} --scene {scene} -o {file}"));
+        std::fs::read(folder.path().join(file)).unwrap()
+    };
+    for file in ["a.npy", "a.tiff", "a.csi2"] {
+        let bytes = run("linear.toml", file);
+        let frames = camrig::formats::wide::decode(&bytes).unwrap().unwrap();
+        for (i, &dn) in frames.planes[0].data.iter().enumerate() {
+            assert_eq!(i64::from(dn), merged([0, 1, 2, 3].map(|c| captures[c][i])), "{file} {i}");
+        }
+    }
+    camrig_ok(folder.path(), "convert a.csi2 b.npy");
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert_eq!(read("a.npy"), read("b.npy"));
+    let bytes = run("captures.toml", "channels.csi2");
+    let stream = camrig::formats::csi2::decode_stream::<u16>(&bytes).unwrap();
+    assert_eq!(stream.channels.len(), 4);
+    for (channel, capture) in stream.channels.iter().zip(&captures) {
+        assert_eq!(&channel.frames.planes[0].data, capture);
+        assert_eq!((channel.embedded[0].len(), &channel.frame_numbers[..]), (1, &[1][..]));
+    }
+    camrig_ok(folder.path(), "convert channels.csi2 second.npy --virtual-channel 1");
+    assert_eq!(camrig::formats::decode(&read("second.npy")).unwrap().planes[0].data, captures[1]);
+    let output = camrig(folder.path(), "convert channels.csi2 all.npy");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--virtual-channel"));
+}
+
+/// A window of 11 µs sees a lamp of 100 Hz that is on for a tenth of the time at ten times its
+/// mean, or not at all; one of 11 ms sees a pulse either way.
+#[test]
+fn windows_see_pulsed_lamps_each_for_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let mean = |lamp: &str| -> Vec<f64> {
+        let timing = "--set sensor.timing.line_time_us=11 --set sensor.timing.shutter=global \
+                      --set sensor.timing.frame_length_lines=3000";
+        let scene =
+            format!("colorchecker --lux 3000000 --exposure 11.264ms --noise none {timing}");
+        let captures = simulate(folder.path(), "captures", &format!("{scene} {lamp}"));
+        let above_black = |frame: &Vec<u16>| {
+            frame.iter().map(|dn| f64::from(*dn) - 64.0).sum::<f64>() / frame.len() as f64
+        };
+        captures.iter().map(above_black).collect()
+    };
+    let steady = mean("");
+    let [on, off] = [0.0, 0.5].map(|p| mean(&format!("--lamp pulse:hz=100,duty=0.1,phase={p}")));
+    assert!(steady[3] > 50.0 && off[3] == 0.0, "{steady:?} {off:?}");
+    assert!((on[3] / steady[3] - 10.0).abs() < 0.1, "{on:?} {steady:?}");
+    assert!(off[2] > 0.5 * steady[2], "{off:?} {steady:?}");
+}
+
+#[test]
+fn times_of_a_row_that_differ_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("c.toml"), hdr::camera("split4", SIZE, "captures")).unwrap();
+    let output = camrig(
+        folder.path(),
+        "simulate --camera c.toml --set sensor.timing.line_time_us=20 --scene colorchecker \
+         --exposure 1ms -o a",
+    );
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("row_time_us = 11") && output.status.code() == Some(2), "{said}");
+}
+
 #[test]
 fn captures_are_files_with_their_names_exposures_and_noise() {
     let folder = tempfile::tempdir().unwrap();
@@ -103,12 +174,15 @@ fn captures_are_files_with_their_names_exposures_and_noise() {
 fn what_does_not_go_with_several_captures_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("c.toml"), hdr::camera("split4", SIZE, "linear")).unwrap();
+    let scene_of = |file: &str| {
+        format!("simulate --camera c.toml --scene colorchecker --exposure 11.264ms -o {file}")
+    };
     let scene = "--camera c.toml --scene colorchecker --exposure 11.264ms -o a.npy";
     for (arguments, words) in [
         (format!("simulate {scene} --rig emulator:"), "--capture"),
         (format!("simulate {scene} --hdr rows:4"), "[sensor.hdr]"),
         (format!("simulate {scene} --binning 2x2"), "--binning"),
-        (format!("simulate {scene}"), "more than 16 bits"),
+        (scene_of("a.dng"), "more than 16 bits"),
         (format!("simulate {scene} --capture none"), "captures are hcg, lcg, small, very-short"),
         (format!("simulate {scene} --path components"), "in bands"),
         (

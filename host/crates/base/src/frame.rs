@@ -95,18 +95,23 @@ impl<S: Dn> RawFrame<S> {
 }
 
 impl RawFrame<u32> {
-    /// The upper 16 bits of the samples: enough for a picture.
-    pub fn upper_16_bits(&self) -> RawFrame {
-        let shift = self.bits.saturating_sub(u16::BITS);
-        let upper = |dn: u32| (dn >> shift) as u16;
-        RawFrame {
+    /// The samples in 16 bits, as many of the lower ones left out as the brightest demands, and how
+    /// many times nearer full scale they are.
+    pub fn in_16_bits(&self) -> (RawFrame, f64) {
+        let brightest = self.data.iter().copied().max().unwrap_or(0);
+        let used =
+            (u32::BITS - brightest.leading_zeros()).clamp(u16::BITS, self.bits.max(u16::BITS));
+        let (shift, unused) = (used - u16::BITS, self.bits.saturating_sub(used));
+        let lower = |dn: u32| u16::try_from(dn >> shift).unwrap_or(u16::MAX);
+        let frame = RawFrame {
             width: self.width,
             height: self.height,
-            bits: self.bits - shift,
+            bits: self.bits.min(u16::BITS),
             cfa: self.cfa.clone(),
             black_level_dn: self.black_level_dn / f64::from(1u32 << shift),
-            white_level_dn: upper(self.white_level_dn),
-            data: self.data.iter().map(|dn| upper(*dn)).collect(),
-        }
+            white_level_dn: lower(self.white_level_dn),
+            data: self.data.iter().map(|dn| lower(*dn)).collect(),
+        };
+        (frame, f64::from(1u32 << unused))
     }
 }

@@ -228,10 +228,14 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
         analog_gain: file.analog_gain,
         temperature_c: file.temperature_c,
         seed: file.seed,
-        timing: file.timing.map(|timing| sensor_timing(&timing, file.height)),
+        timing: file.timing.as_ref().map(|timing| sensor_timing(timing, file.height)),
         noise: noise(&file.noise, text)?,
         gains,
-        hdr: file.hdr.as_ref().map(|hdr| hdr::hdr(hdr, folder)).transpose()?,
+        hdr: file
+            .hdr
+            .as_ref()
+            .map(|hdr| hdr::hdr(hdr, file.timing.as_ref(), folder))
+            .transpose()?,
         streams: Default::default(),
         kept_noise: KeptNoise::default(),
     })

@@ -120,24 +120,24 @@ impl HdrSensor {
                 white_level_dn: curve.code(white),
                 data: data.par_iter().map(|&linear| curve.code(linear)).collect(),
             }),
-            _ => {
-                let bits = hdr.linear_bits();
-                let black_level_dn = pedestal.into();
-                let frame = RawFrame {
-                    width,
-                    height,
-                    bits,
-                    cfa,
-                    black_level_dn,
-                    white_level_dn: white,
-                    data,
-                };
-                if bits > u16::BITS {
-                    Sent::Wide(frame)
-                } else {
-                    Sent::Merged(frame.upper_16_bits())
-                }
-            }
+            _ if hdr.linear_bits() > u16::BITS => Sent::Wide(RawFrame {
+                width,
+                height,
+                bits: hdr.linear_bits(),
+                cfa,
+                black_level_dn: pedestal.into(),
+                white_level_dn: white,
+                data,
+            }),
+            _ => Sent::Merged(RawFrame {
+                width,
+                height,
+                bits: u16::BITS,
+                cfa,
+                black_level_dn: pedestal.into(),
+                white_level_dn: white as u16,
+                data: data.iter().map(|&linear| linear as u16).collect(),
+            }),
         }
     }
 }

@@ -38,6 +38,18 @@ pub struct Beside {
     pub time_s: Option<f64>,
 }
 
+impl Beside {
+    /// How the packets of frame number `counted` are written.
+    fn options(&self, counted: u16) -> csi2::Options {
+        csi2::Options {
+            virtual_channel: 0,
+            line_packets: self.line_packets,
+            embedded: vec![self.embedded.clone()],
+            numbers: vec![self.number.unwrap_or(counted)],
+        }
+    }
+}
+
 impl LiveEncoder {
     /// An encoder for a format in which frames follow one another; `frames_per_s` for formats that
     /// say it.
@@ -135,12 +147,7 @@ impl LiveEncoder {
         let counted = self.counted();
         let bytes = match &self.format {
             Format::Csi2 => {
-                let options = csi2::Options {
-                    line_packets: beside.line_packets,
-                    embedded: vec![beside.embedded.clone()],
-                    numbers: vec![beside.number.unwrap_or(counted)],
-                    ..Default::default()
-                };
+                let options = beside.options(counted);
                 csi2::encode_with(&Frames::from_raw(frame), &options)?
             }
             Format::Y4m => {
@@ -170,14 +177,11 @@ impl LiveEncoder {
     ///
     /// # Errors
     /// A format that does not hold it; those of its writer.
-    pub fn encode_wide(&mut self, frame: &RawFrame<u32>) -> Result<Vec<u8>> {
+    pub fn encode_wide(&mut self, frame: &RawFrame<u32>, beside: &Beside) -> Result<Vec<u8>> {
         wide::check(&self.format)?;
-        let numbers = vec![self.counted()];
+        let options = beside.options(self.counted());
         self.count += 1;
-        csi2::encode_with(
-            &Frames::from_raw(frame),
-            &csi2::Options { numbers, ..Default::default() },
-        )
+        csi2::encode_with(&Frames::from_raw(frame), &options)
     }
 
     /// The bytes of the captures of the next exposure, each on its virtual channel. `None` where

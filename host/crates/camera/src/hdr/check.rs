@@ -3,6 +3,7 @@
 use super::file::{CaptureFile, HdrFile, PhotodiodeFile, RoundingFile};
 use super::{Capture, EffectOn, Hdr, HdrOutput, Photodiode};
 use crate::check::fraction_curve;
+use crate::file::TimingFile;
 use crate::named_files::{FileName, FractionOrFile};
 use crate::{AnyEffect, Camera, Folder};
 use camrig_base::{Error, Outside, Result, Spectrum, mistakes};
@@ -17,10 +18,15 @@ const ROOM_SIGMA: f64 = 4.0;
 const PARTS: f64 = 256.0;
 
 /// The captures of a sensor, or all that is wrong with them.
-pub(crate) fn hdr(file: &HdrFile, folder: &Folder<'_>) -> Result<Hdr> {
+pub(crate) fn hdr(
+    file: &HdrFile,
+    timing: Option<&TimingFile>,
+    folder: &Folder<'_>,
+) -> Result<Hdr> {
     let mut wrong = Vec::new();
     let mut keep = |e: Error| wrong.push(e);
     names(file).into_iter().for_each(&mut keep);
+    row_time(file, timing).into_iter().for_each(&mut keep);
     let photodiodes: Vec<Photodiode> = (0..file.photodiode.len())
         .filter_map(|i| photodiode(file, i, folder).map_err(&mut keep).ok())
         .collect();
@@ -47,6 +53,17 @@ pub(crate) fn hdr(file: &HdrFile, folder: &Folder<'_>) -> Result<Hdr> {
 
 fn of_table(table: &str, name: &str) -> String {
     format!("[[sensor.hdr.{table}]] {name:?}")
+}
+
+/// Times of a row that differ: the file says it twice.
+fn row_time(file: &HdrFile, timing: Option<&TimingFile>) -> Option<Error> {
+    let (ours, other) = (file.row_time_us, timing?.line_time_us);
+    ((ours - other).abs() > 1e-6 * ours).then(|| {
+        Error::disagreement(format!(
+            "row_time_us = {ours} in [sensor.hdr], line_time_us = {other} in [sensor.timing]"
+        ))
+        .help("both are the time from one row to the next, µs")
+    })
 }
 
 /// Names that stand twice, and lists that are too short or too long.

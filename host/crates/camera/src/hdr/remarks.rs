@@ -1,6 +1,6 @@
 //! What is doubtful in `[sensor.hdr]` though it can be: for people, with the reason.
 
-use super::Hdr;
+use super::{Hdr, HdrOutput};
 
 /// Error of a merge's gain from which on it is remarked.
 const MAX_GAIN_ERROR: f64 = 0.01;
@@ -36,7 +36,7 @@ fn gains(hdr: &Hdr) -> Vec<String> {
 /// Captures in whose range the curve is finer than their codes: two neighbouring codes of the
 /// capture lie several codes of the output apart.
 fn steps(hdr: &Hdr) -> Option<String> {
-    let companding = hdr.companding.as_ref()?;
+    let companding = hdr.companding.as_ref().filter(|_| hdr.output == HdrOutput::Companded)?;
     let offset = f64::from(hdr.merge.pedestal_dn()) - f64::from(companding.subtract_dn);
     let hands = hdr.merge.hands().iter().zip(&hdr.captures[1..]);
     let of = |(hand, to): (&camrig_sensor_core::hdr::Hand, &super::Capture)| {
