@@ -5,19 +5,20 @@
 pub const NAMES: [&str; 3] = ["mt9t012", "mt9v024", "mobile"];
 
 /// Names of those with several captures of each pixel.
-pub const HDR_NAMES: [&str; 3] = ["imx585-clear-hdr", "imx415-dol", "ox03c10-hdr"];
+pub const HDR_NAMES: [&str; 4] = ["imx585-clear-hdr", "imx415-dol", "ox03c10", "imx490"];
 
 macro_rules! files {
     ($($name:literal),* $(,)?) => { [$(($name, include_str!(concat!("../presets/", $name)))),*] };
 }
 
-const FILES: [(&str, &str); 19] = files![
+const FILES: [(&str, &str); 20] = files![
     "mt9t012.toml",
     "mt9v024.toml",
     "mobile.toml",
     "imx585-clear-hdr.toml",
     "imx415-dol.toml",
-    "ox03c10-hdr.toml",
+    "ox03c10.toml",
+    "imx490.toml",
     "mt9m131-qe.csv",
     "mt9v024-qe.csv",
     "mobile-qe.csv",

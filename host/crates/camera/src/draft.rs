@@ -287,7 +287,8 @@ fn base(request: &Request) -> Result<Base> {
 /// Names of all built-in cameras.
 pub(crate) fn names() -> Vec<&'static str> {
     let files = builtin::NAMES.into_iter().chain(builtin::HDR_NAMES);
-    files.chain(Sensor::all().map(|sensor| sensor.name())).collect()
+    let tabled = Sensor::all().map(|sensor| sensor.name());
+    files.chain(tabled.filter(|name| !builtin::HDR_NAMES.contains(name))).collect()
 }
 
 /// No built-in camera has this name; `what` is what it was taken for.

@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn a_line_says_what_a_receiver_needs() {
-        let camera = Camera::load("ox03c10-hdr").unwrap();
+        let camera = Camera::load("ox03c10").unwrap();
         let hdr = camera.sensor.hdr.as_ref().unwrap();
         let settings = FrameSettings::new(0.016).with_gain(2.0).with_frame(300);
         // 14 bits have no fillers.
