@@ -200,4 +200,49 @@ impl<'a> Expected<'a> {
         };
         hands.map(of).collect()
     }
+
+    /// Dynamic range, dB, by three definitions.
+    pub fn dynamic_range(&self) -> DynamicRange {
+        let read_e = self.hdr.captures[0].read_e;
+        let saturation = self.saturation_e();
+        DynamicRange {
+            snr_1_db: db(saturation / self.threshold_e()),
+            read_noise_db: (read_e > 0.0).then(|| db(saturation / read_e)),
+            above: [20.0, 25.0, 30.0].map(|limit_db| (limit_db, self.range_above(limit_db))),
+        }
+    }
+
+    /// The longest range of light in which the SNR of the merged signal is nowhere below a limit,
+    /// dB; in steps of 0.02 dB.
+    pub fn range_above(&self, limit_db: f64) -> f64 {
+        const STEP_DB: f64 = 0.02;
+        let [least, most] = [self.threshold_e(), self.saturation_e()];
+        let steps = (db(most / least) / STEP_DB) as usize;
+        let light = |i: usize| least * libm::pow(10.0, STEP_DB * i as f64 / 20.0);
+        let (mut best, mut length) = (0usize, 0usize);
+        for i in 0..steps {
+            let good = db(self.merged(light(i)).snr()) >= limit_db;
+            length = if good { length + 1 } else { 0 };
+            best = best.max(length);
+        }
+        best.saturating_sub(1) as f64 * STEP_DB
+    }
+}
+
+/// Dynamic range of a merged signal, dB (20 lg of a ratio of light).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct DynamicRange {
+    /// From where the first capture has an SNR of 1 (EMVA 1288) to where the last one saturates.
+    pub snr_1_db: f64,
+    /// The same from the read noise of the first capture, as data sheets have it; without read
+    /// noise none.
+    pub read_noise_db: Option<f64>,
+    /// Limits of the SNR, dB, and the longest range of light in which it is nowhere below.
+    pub above: [(f64, f64); 3],
+}
+
+/// A ratio in dB, as of amplitudes.
+pub fn db(ratio: f64) -> f64 {
+    20.0 * libm::log10(ratio)
 }

@@ -223,6 +223,15 @@ fn dynamic_range_and_hand_overs_are_those_of_the_closed_form() {
         near(least, &own["mu_min_snr1_e"]);
         near(most, &own["mu_sat_e"]);
         near(db(most / least), &own["dr_snr1_db"]);
+        let range = expected.dynamic_range();
+        near(range.snr_1_db, &own["dr_snr1_db"]);
+        near(range.read_noise_db.unwrap(), &own["dr_read_noise_db"]);
+        for (limit, got) in range.above {
+            let wanted = own[format!("dr_snr_{limit}db_contiguous")].as_f64().unwrap();
+            // The table counts from point to point of a grid of 0.4 dB.
+            let beyond = got - wanted;
+            assert!((-0.02..0.8).contains(&beyond), "{name} above {limit} dB: {got}, {wanted}");
+        }
         for (got, wanted) in expected.hand_overs().iter().zip(own["handovers"].as_array().unwrap())
         {
             assert_eq!(got.to, wanted["to"]);

@@ -1,6 +1,7 @@
 //! The page of simulated frames: pictures, headroom, levels, and the camera's model.
 
 mod frames;
+mod hdr;
 mod model;
 
 pub use frames::Frames;
@@ -52,6 +53,7 @@ pub fn page(
     } else {
         model(&mut page, camera, light, &noise, None);
     }
+    hdr::section(&mut page, camera, settings);
     set_up(&mut page, camera, settings, made_of);
     page.folded("Camera file", |page| {
         page.verbatim(&camera.text);
