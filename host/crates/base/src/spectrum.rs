@@ -158,6 +158,13 @@ impl Spectrum {
         }
     }
 
+    /// The curve with all its wavelengths times a factor above 0.
+    #[must_use]
+    pub fn with_wavelengths_times(&self, factor: f64) -> Self {
+        let wavelength_nm = self.wavelength_nm.iter().map(|nm| nm * factor).collect();
+        Self { wavelength_nm, ..self.clone() }
+    }
+
     /// The curve with other values outside its samples.
     #[must_use]
     pub fn outside(mut self, outside: Outside) -> Self {

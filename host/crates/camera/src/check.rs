@@ -8,7 +8,7 @@ use super::hdr::{self, EffectOn};
 use super::named_files::{FileName, FractionOrFile};
 use super::prescription;
 use super::{
-    Camera, CrosstalkTable, Folder, Gains, KeptNoise, LensKind, LensModel, Noise,
+    Camera, CrosstalkTable, FilterAngles, Folder, Gains, KeptNoise, LensKind, LensModel, Noise,
     RelativeIllumination, SensorModel, SensorTiming, csv_reader,
 };
 use camrig_base::table::{SpectralTable, Wanted};
@@ -45,7 +45,15 @@ pub(super) fn camera(
 ) -> Result<Camera> {
     let mut keep = |e: Error| wrong.push(e);
     let lens = lens(file.lens, text, folder).map_err(&mut keep).ok().flatten();
-    let sensor = sensor(file.sensor, text, folder).map_err(&mut keep).ok();
+    let effective_index = file.sensor.ir_cut_effective_index;
+    let mut sensor = sensor(file.sensor, text, folder).map_err(&mut keep).ok();
+    if let (Some(index), Some(lens), Some(sensor)) = (effective_index, &lens, &mut sensor) {
+        let place = place(text, "sensor", "ir_cut_effective_index");
+        match filter_angles(index, lens, sensor) {
+            Ok(angles) => sensor.filter_angles = Some(angles),
+            Err(e) => keep(e.at(place)),
+        }
+    }
     let mut effects = Vec::new();
     for table in &file.effects {
         let line = line_of(text, table.span().start);
@@ -219,6 +227,7 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
         channel_names,
         qe,
         ir_cut,
+        filter_angles: None,
         crosstalk,
         conversion_gain_uv_per_e: file.conversion_gain_uv_per_e,
         full_well_e: file.full_well_e,
@@ -238,6 +247,29 @@ fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorMod
             .transpose()?,
         streams: Default::default(),
         kept_noise: KeptNoise::default(),
+    })
+}
+
+/// The angles of light on the filter of a sensor.
+fn filter_angles(index: f64, lens: &LensModel, sensor: &SensorModel) -> Result<FilterAngles> {
+    if sensor.ir_cut.is_none() {
+        return Err(Error::input("ir_cut_effective_index without ir_cut")
+            .help("give the filter's transmittance at normal incidence as ir_cut"));
+    }
+    if sensor.crosstalk.is_some() {
+        return Err(Error::unsupported("ir_cut_effective_index beside a crosstalk table")
+            .help("put the filter's shift into the table, or leave one of them out"));
+    }
+    let LensKind::DiffractionLimited { f_number, focal_length_mm, magnification, .. } = lens.kind
+    else {
+        return Err(Error::unsupported("ir_cut_effective_index behind this kind of lens")
+            .help("use lens.kind = \"diffraction-limited\", whose angles follow from its keys"));
+    };
+    let stretch = 1.0 + magnification;
+    Ok(FilterAngles {
+        effective_index: index,
+        image_distance_mm: focal_length_mm * stretch,
+        cone_sin: (0.5 / (f_number * stretch)).min(1.0),
     })
 }
 

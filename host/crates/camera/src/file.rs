@@ -201,6 +201,11 @@ pub struct SensorFile {
     /// qe.
     #[schemars(extend("without" = "none"))]
     pub ir_cut: Option<FileName>,
+    /// Effective index of the infrared cut filter, if it is an interference filter: it then moves to
+    /// shorter waves with the angle of the light, over the field and the cone of the lens.
+    #[schemars(range(min = 1.0, max = 5.0))]
+    #[schemars(extend("usual" = "1.5 to 2.3", "without" = "alike at all angles, as of absorbing glass"))]
+    pub ir_cut_effective_index: Option<f64>,
     /// Positional crosstalk: CSV of channel,wavelength_nm,x,y,factor with x, y in -1..1 over
     /// the sensor and factors relative to the centre.
     #[schemars(extend("without" = "none"))]

@@ -1,5 +1,6 @@
 //! The sensor of a camera as checked values, and its conversion for `camrig-sensor-core`.
 
+use super::filter_angles::Moved;
 use super::{Camera, CrosstalkTable, KeptNoise, SensorTiming};
 use camrig_base::{Bands, Cfa, Error, Result, Spectrum, weighted_means};
 use camrig_light::photometry::HC;
@@ -29,6 +30,8 @@ pub struct SensorModel {
     pub qe: Vec<Spectrum>,
     /// Transmittance of the infrared cut filter, 0 to 1.
     pub ir_cut: Option<Spectrum>,
+    /// The angles at which light passes it, where it is an interference filter.
+    pub filter_angles: Option<super::FilterAngles>,
     /// Positional crosstalk.
     pub crosstalk: Option<CrosstalkTable>,
     /// Conversion gain, µV per electron, where it is known: it cancels in the DN.
@@ -95,13 +98,49 @@ impl SensorModel {
     /// A Δλ/(hc) ∫ Φ(λ) QE(λ) S(λ) λ dλ / ∫ Φ(λ) dλ (eq. 8 and 9 of Chen et al. 2009), with A =
     /// pitch² x fill factor and the infrared cut filter S. The integrals are exact
     /// ([`weighted_means`]), so that the response to a line, or through a filter that is narrower
-    /// than a band, is as exact as their tables.
+    /// than a band, is as exact as their tables. It is that of the centre, where it differs over
+    /// the field ([`Self::factors_over_the_field`]).
     pub fn response_to(&self, light: &[Spectrum], bands: &Bands) -> Vec<Vec<f64>> {
+        match self.moved_filter(light, bands) {
+            Some(moved) => moved.centre(),
+            None => self.response_behind(self.ir_cut.as_ref(), light, bands),
+        }
+    }
+
+    fn moved_filter(&self, light: &[Spectrum], bands: &Bands) -> Option<Moved> {
+        let (angles, filter) = (self.filter_angles?, self.ir_cut.as_ref()?);
+        Some(angles.responses(self, filter, light, bands))
+    }
+
+    /// What multiplies the response to a light in bands from place to place: the crosstalk table, or
+    /// the shift of an interference filter.
+    pub fn factors_over_the_field(
+        &self,
+        light: &[Spectrum],
+        bands: &Bands,
+    ) -> Option<CrosstalkTable> {
+        match self.moved_filter(light, bands) {
+            Some(moved) => Some(moved.table(self, bands)),
+            None => self.crosstalk.clone(),
+        }
+    }
+
+    /// Whether the response differs from place to place by more than a factor.
+    pub fn differs_over_the_field(&self) -> bool {
+        self.crosstalk.is_some() || self.filter_angles.is_some()
+    }
+
+    /// The response behind a filter.
+    pub(crate) fn response_behind(
+        &self,
+        filter: Option<&Spectrum>,
+        light: &[Spectrum],
+        bands: &Bands,
+    ) -> Vec<Vec<f64>> {
         let area_m2 = self.pitch_um * self.pitch_um * 1e-12 * self.fill_factor;
         let (wavelength, light) = (Spectrum::wavelength(), light.iter().collect::<Vec<_>>());
         let of_channel = |qe: &Spectrum| {
-            let curves: Vec<&Spectrum> =
-                [qe, &wavelength].into_iter().chain(&self.ir_cut).collect();
+            let curves: Vec<&Spectrum> = [qe, &wavelength].into_iter().chain(filter).collect();
             let means = weighted_means(&curves, &light, bands);
             means.into_iter().map(|mean| area_m2 * mean * 1e-9 / HC * bands.step_nm).collect()
         };

@@ -90,7 +90,7 @@ impl SimulatedSensor {
         Ok(Self {
             config,
             full_well_e: sensor.full_well_e as f32,
-            crosstalk: sensor.crosstalk.clone(),
+            crosstalk: sensor.factors_over_the_field(&header.light, &header.spectral_bands()),
             cfa: sensor.cfa.clone(),
         })
     }
@@ -234,6 +234,57 @@ impl<A: Vector> MeanRows<A> for CubeRows<'_, A> {
         match &self.before {
             Some(bands) => A::COLLECT(&mut self.sums, bands, row, out),
             None => out.fill([A::Signal::default(); BLOCK]),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_base::{Bands, Outside, Spectrum};
+
+    /// Even light through a filter with steep edges at 480 and 620 nm, on an even sensor: in the
+    /// corner the edges lie at shorter waves, and the light falls to (1 − s_1/n²)/(1 − s_0/n²) of
+    /// that in the centre, s the means of sin²θ over both cones; more at a smaller f-number alone.
+    #[test]
+    fn light_falls_towards_the_corner_as_an_interference_filter_moves() {
+        let index = ("sensor.ir_cut_effective_index", 1.7);
+        let mut camera = Camera::load_with("mt9t012", [index]).unwrap().with_size(66, 50).unwrap();
+        let sensor = &mut camera.sensor;
+        sensor.pitch_um = 70.0;
+        let edges = vec![479.999, 480.001, 619.999, 620.001];
+        let pass = Spectrum::new(edges, vec![0.0, 1.0, 1.0, 0.0]).unwrap();
+        sensor.ir_cut = Some(pass.outside(Outside::Zero));
+        sensor.qe = vec![Spectrum::constant(0.5); 3];
+        let angles = sensor.filter_angles.unwrap();
+        let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 24 };
+        let header = CubeHeader {
+            width: 66,
+            height: 50,
+            first_band_nm: bands.start_nm,
+            band_step_nm: bands.step_nm,
+            bands: bands.count,
+            level: 1.0,
+            lux: None,
+            illuminant: None,
+            made_of: "even light".into(),
+            light: Vec::new(),
+            made_for: Default::default(),
+        };
+        let simulated = SimulatedSensor::new(&camera, &header).unwrap();
+        let cube = IrradianceCube::uniform(header, &vec![1e-3; bands.count]).unwrap();
+        let plane = simulated.electrons(&cube, &camera.settings(0, 1e-3, None)).unwrap();
+        let part = |x: f64, y: f64| {
+            let tan = x.hypot(y) * 70e-3 / angles.image_distance_mm;
+            let sin2 = tan * tan / (1.0 + tan * tan);
+            1.0 - (sin2 + angles.cone_sin * angles.cone_sin / 2.0) / (1.7 * 1.7)
+        };
+        let centre = plane.data[25 * 66 + 33];
+        for (x, y) in [(0usize, 0usize), (65, 49), (12, 40), (33, 3)] {
+            let got = f64::from(plane.data[y * 66 + x] / centre);
+            let right = part(x as f64 - 32.5, y as f64 - 24.5) / part(0.5, 0.5);
+            // Steps of the filter and nodes of the field.
+            assert!((got / right - 1.0).abs() < 1e-3, "{x}, {y}: {got}, {right}");
         }
     }
 }

@@ -104,9 +104,9 @@ impl Collapse {
         directory: Option<&std::path::Path>,
         path: OpticsPath,
     ) -> Result<Self> {
-        if camera.sensor.crosstalk.is_some() {
+        if camera.sensor.differs_over_the_field() {
             return Err(Error::unsupported(format!(
-                "path {path} for a sensor with a crosstalk table"
+                "path {path} for a sensor with a crosstalk table or an interference filter"
             ))
             .help("its response differs from place to place: compute it by path bands")
             .with_code(ErrorCode::PathUnsupported));

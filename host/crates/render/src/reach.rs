@@ -43,15 +43,26 @@ impl Sight {
 
     /// Of light on the sensor whose spectrum is the product of curves.
     fn of_light(sensor: &SensorModel, light: &[Spectrum]) -> Self {
-        let shared = light.iter().chain(&sensor.ir_cut).cloned();
-        let shared: Vec<Spectrum> = shared.chain([Spectrum::wavelength()]).collect();
-        let factors = |qe: &Spectrum| [std::slice::from_ref(qe), &shared].concat();
+        // A filter that moves over the field is seen where it lies at both ends.
+        let most = sensor.filter_angles.zip(sensor.ir_cut.as_ref());
+        let most = most.map(|(angles, filter)| angles.moved(filter, angles.most_sin2(sensor)));
+        let filters: Vec<Vec<Spectrum>> = match (&sensor.ir_cut, most) {
+            (Some(filter), Some(most)) => vec![vec![filter.clone()], vec![most]],
+            (filter, _) => vec![filter.iter().cloned().collect()],
+        };
+        let behind = |qe: &Spectrum| -> Vec<Vec<Spectrum>> {
+            let each = |filter: &Vec<Spectrum>| {
+                let (qe, wavelength) = ([qe.clone()], [Spectrum::wavelength()]);
+                [&qe[..], light, filter, &wavelength].concat()
+            };
+            filters.iter().map(each).collect()
+        };
         // A number for the quantum efficiency says nothing of wavelengths: without a table of the
         // sensor or its filter it is that of visible light.
         let is_table = |curve: &Spectrum| curve.samples().nth(1).is_some();
         let any_table = sensor.qe.iter().chain(&sensor.ir_cut).any(is_table);
         Self {
-            channels: sensor.qe.iter().map(factors).collect(),
+            channels: sensor.qe.iter().flat_map(behind).collect(),
             usable: if any_table { SILICON } else { Bands::VISIBLE },
         }
     }

@@ -152,8 +152,8 @@ pub fn charge_binned(camera: &Camera, n: u32) -> Result<Camera> {
     if !camera.effects.is_empty() {
         return Err(refuse("a sensor with effects beyond the base model"));
     }
-    if camera.sensor.crosstalk.is_some() {
-        return Err(refuse("a sensor with crosstalk"));
+    if camera.sensor.differs_over_the_field() {
+        return Err(refuse("a sensor whose response differs over the field"));
     }
     let mut binned = camera.clone();
     let sensor = &mut binned.sensor;

@@ -104,6 +104,7 @@ fn depends_on(camera: &Camera, target: &Target) -> String {
         cfa,
         qe,
         ir_cut,
+        filter_angles,
         crosstalk,
         channel_names: _,
         conversion_gain_uv_per_e: _,
@@ -123,7 +124,8 @@ fn depends_on(camera: &Camera, target: &Target) -> String {
     } = &camera.sensor;
     let scene = (&target.scene, &target.illuminant, target.lux.is_some());
     let optics = (&camera.lens, &camera.optical_effects);
-    let sensor = (width, height, pitch_um, fill_factor, cfa, qe, ir_cut, crosstalk);
+    let filter = (ir_cut, filter_angles);
+    let sensor = (width, height, pitch_um, fill_factor, cfa, qe, filter, crosstalk);
     format!("{scene:?} {optics:?} {sensor:?}")
 }
 
