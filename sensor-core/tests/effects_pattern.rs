@@ -507,7 +507,10 @@ fn defective_columns<A: Arith>() {
     let v = flat::<A>(&monochrome(512, 64, &[effect.into()]), &SETTINGS, 1000.0);
     let weak = |y: usize, x: usize| (v[y * 512 + x] - 250.0).abs() < HALF;
     let columns: Vec<usize> = (0..512).filter(|x| weak(63, *x)).collect();
-    near("columns", columns.len() as f64, 51.2, 46.0f64.sqrt());
+    // One in each of 51 strips of 512/51 columns.
+    let strips = columns.iter().map(|x| (*x as f64 + 0.5) * 51.0 / 512.0);
+    assert!(strips.enumerate().all(|(i, at)| (at - i as f64 - 0.5).abs() < 0.6), "{columns:?}");
+    assert_eq!(columns.len(), 51);
     for y in 0..64 {
         let own: Vec<usize> = (0..512).filter(|x| weak(y, *x)).collect();
         assert_eq!(own, if y < 32 { Vec::new() } else { columns.clone() }, "row {y}");

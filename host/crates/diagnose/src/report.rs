@@ -19,6 +19,9 @@ pub struct Report {
     /// Effects by their own statistics, whatever else is left.
     #[serde(default)]
     pub evidence: Vec<Evidence>,
+    /// The gap by families of statistics, so that none hides the others.
+    #[serde(default)]
+    pub families: Vec<FamilyGap>,
     /// [`FORMAT`].
     pub format: String,
     /// Held-out gap of the improved model.
@@ -50,6 +53,23 @@ pub struct Report {
     pub unexplained: Vec<Unexplained>,
     /// The verdict.
     pub verdict: Verdict,
+}
+
+/// How far a model is from the captures in statistics of one family.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FamilyGap {
+    /// Its name in words.
+    pub family: String,
+    /// Mean square deviation over that of replicates of the model, improved.
+    #[serde(with = "number")]
+    pub gap_after: f64,
+    /// The same of the model as given.
+    #[serde(with = "number")]
+    pub gap_before: f64,
+    /// Number of statistics.
+    pub statistics: usize,
+    /// The statistic that is furthest from the improved model, in its unit.
+    pub worst: String,
 }
 
 /// An effect by the statistic that shows it, of dark and flat stacks of one gain.
@@ -535,6 +555,7 @@ mod tests {
                 tie_breaker: "flats".into(),
             }],
             evidence: Vec::new(),
+            families: Vec::new(),
             format: FORMAT.into(),
             gap_after: 1.0,
             gap_before: 15.25,

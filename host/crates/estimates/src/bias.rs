@@ -66,6 +66,9 @@ pub struct Pattern {
     pub columns: Value,
     /// Of whole rows.
     pub rows: Value,
+    /// Standard errors of the variances of columns and of rows where there are none: by what the
+    /// means of even and odd frames differ.
+    pub line_nulls: [f64; 2],
     /// Straight slopes, from the first to the last column and row, DN; not in the variances.
     pub slopes: [Value; 2],
 }
@@ -340,8 +343,13 @@ fn pattern(stack: &Stack, sites: Sites) -> Pattern {
         let product = mean(&products(&means));
         Value { value: product.value - all / length as f64, ..product }
     };
-    let rows = lines([row_means(&halves[0]), row_means(&halves[1])], width);
-    let columns = lines([column_means(&halves[0]), column_means(&halves[1])], height);
+    let of_rows = halves.each_ref().map(|half| row_means(half));
+    let of_columns = halves.each_ref().map(|half| column_means(half));
+    let line_nulls = [&of_columns, &of_rows].map(|[a, b]| {
+        let rest: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+        0.5 * variance(&rest) / (rest.len() as f64).sqrt()
+    });
+    let (rows, columns) = (lines(of_rows, width), lines(of_columns, height));
     for map in &mut halves {
         let of_rows = row_means(map);
         map.chunks_mut(width)
@@ -351,7 +359,7 @@ fn pattern(stack: &Stack, sites: Sites) -> Pattern {
         map.chunks_mut(width)
             .for_each(|row| row.iter_mut().zip(&of_columns).for_each(|(v, m)| *v -= m));
     }
-    Pattern { pixels: mean(&products(&halves)), columns, rows, slopes }
+    Pattern { pixels: mean(&products(&halves)), columns, rows, line_nulls, slopes }
 }
 
 fn row_means(map: &[f64], width: usize) -> Vec<f64> {

@@ -2,6 +2,7 @@
 
 use super::ambiguity::tie_breaker;
 use super::describe::describe;
+use super::families::families;
 use super::measures::measures;
 use super::words;
 use crate::finding::Finding;
@@ -55,6 +56,7 @@ pub fn report(measured: &Measured, outcome: &Outcome, evidence: Vec<Evidence>) -
     Report {
         ambiguous: outcome.confounded.iter().map(ambiguity).collect(),
         evidence,
+        families: families(measured, outcome),
         format: FORMAT.into(),
         gap_after: outcome.after.gap,
         gap_before: outcome.before.gap,

@@ -4,6 +4,7 @@
 mod ambiguity;
 mod compile;
 mod describe;
+mod families;
 pub mod improved;
 mod measures;
 mod whereabouts;

@@ -5,7 +5,7 @@ use crate::numbers::{amount, count, counted, digits, fixed, number};
 use crate::page::{Page, Table};
 use crate::plot::{Colour, Mark, Plot};
 use camrig_diagnose::Diagnosis;
-use camrig_diagnose::report::{Evidence, Finding, Measures, Report};
+use camrig_diagnose::report::{Evidence, FamilyGap, Finding, Measures, Report};
 
 /// Most frames listed of a finding.
 const MAX_FRAMES: usize = 8;
@@ -171,6 +171,23 @@ pub fn evidence(page: &mut Page, found: &[Evidence]) {
         ]
     }));
     page.rows(&table);
+}
+
+/// The gap by families of statistics, each with its furthest statistic in its unit.
+pub fn families(page: &mut Page, found: &[FamilyGap]) {
+    if found.is_empty() {
+        return;
+    }
+    page.heading("By families of statistics");
+    let mut table = Table::new(&["family"])
+        .numbers(&["statistics", "gap as given", "gap improved"])
+        .words(&["furthest from the improved model"]);
+    table.rows(found.iter().map(|f| {
+        let [before, after] = [f.gap_before, f.gap_after].map(number);
+        vec![f.family.clone(), f.statistics.to_string(), before, after, printed(&f.worst)]
+    }));
+    page.rows(&table);
+    page.small("Gap: mean square deviation of the held-out frames; a right model has about 1.");
 }
 
 /// The paper's measures, where the set shows them.

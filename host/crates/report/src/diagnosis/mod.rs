@@ -2,6 +2,7 @@
 //! what is left.
 
 mod left;
+mod overview;
 mod pictures;
 mod words;
 
@@ -48,7 +49,10 @@ pub fn page(diagnosis: &Diagnosis, improved: &ImprovedFile, command: &str) -> Re
             page.headline(|size| gaps(found, size));
         },
     );
+    let maps = Maps::new(diagnosis)?;
+    overview::section(&mut page, &maps)?;
     page.key_figures(&cards(found));
+    left::families(&mut page, &found.families);
     for note in &found.notes {
         page.note(&format!("{}.", super::emva::capitalised(&words::printed(note))));
     }
@@ -58,7 +62,6 @@ pub fn page(diagnosis: &Diagnosis, improved: &ImprovedFile, command: &str) -> Re
             words::kind(first)
         ));
     }
-    let maps = Maps::new(diagnosis)?;
     left::evidence(&mut page, &found.evidence);
     // Shapes come first in the report, and are not steps of the search.
     let proposed = found.steps.iter().filter(|s| s.effect == EMPIRICAL).count();

@@ -31,8 +31,8 @@ const WIDE: f64 = 30.0;
 /// Broadest over narrowest gap up to which places along a curve are even steps.
 const EVEN: f64 = 3.0;
 /// Titles of what the models leave of a map.
-const LESS_GIVEN: &str = "Measured less the model as given";
-const LESS_IMPROVED: &str = "Measured less the improved model";
+pub(super) const LESS_GIVEN: &str = "Measured less the model as given";
+pub(super) const LESS_IMPROVED: &str = "Measured less the improved model";
 
 /// Maps of the held-out frames, and of replicates of the model before and after.
 pub struct Maps<'a> {
@@ -51,8 +51,8 @@ pub enum Picture {
 }
 
 /// The planes of a map, in the unit that is shown: measured, before, after.
-struct Planes {
-    name: &'static str,
+pub(super) struct Planes {
+    pub name: &'static str,
     unit: &'static str,
     all: [Plane<f64>; 3],
 }
@@ -95,7 +95,8 @@ impl<'a> Maps<'a> {
         Some(Picture::Plot(Box::new(points)))
     }
 
-    fn planes(&self, kind: MapKind) -> Option<Planes> {
+    /// A map measured and by both models; none where the set has no such map.
+    pub(super) fn planes(&self, kind: MapKind) -> Option<Planes> {
         let of = |maps: &[Map]| Some(self.in_unit(maps.iter().find(|m| m.kind == kind)?));
         let (name, unit) = words::map(kind);
         let all =
@@ -239,7 +240,7 @@ fn of_map(planes: &Planes, what: What) -> Picture {
 }
 
 /// Three maps in cells.
-fn maps(planes: &Planes) -> [Plot; 3] {
+pub(super) fn maps(planes: &Planes) -> [Plot; 3] {
     let [width, height] = [planes.all[0].width, planes.all[0].height];
     let side = width.div_ceil(CELLS).next_multiple_of(2);
     let cells = planes.all.each_ref().map(|plane| in_cells(plane, side));
@@ -258,7 +259,7 @@ fn maps(planes: &Planes) -> [Plot; 3] {
     plots
 }
 
-fn in_cells(plane: &Plane<f64>, side: usize) -> Plane<f64> {
+pub(super) fn in_cells(plane: &Plane<f64>, side: usize) -> Plane<f64> {
     Plane::from_fn(plane.width / side, plane.height / side, |x, y| {
         let rows = (y * side..(y + 1) * side).map(|row| &plane.row(row)[x * side..(x + 1) * side]);
         rows.flatten().sum::<f64>() / (side * side) as f64
@@ -266,7 +267,7 @@ fn in_cells(plane: &Plane<f64>, side: usize) -> Plane<f64> {
 }
 
 /// Means of columns, or rows, less the frame's.
-fn profile(planes: &Planes, of_columns: bool) -> Plot {
+pub(super) fn profile(planes: &Planes, of_columns: bool) -> Plot {
     let [line, lines] = if of_columns { ["column", "columns"] } else { ["row", "rows"] };
     let [measured, before, after] = planes.all.each_ref().map(|p| line_means(p, of_columns));
     let axis = format!("mean of a {line} less the frame's, {}", planes.unit);
