@@ -1,6 +1,7 @@
 //! Arguments shared by several commands: durations, cameras, exposure, outputs; progress bars.
 
 use super::readout::ReadoutArgs;
+use super::stdout::quiet;
 use camrig_base::output::OutputFile;
 use camrig_base::{Bands, Error, Result};
 use camrig_camera::{Camera, Change, KeptNoise, is_preset};
@@ -13,9 +14,10 @@ use camrig_sensor_core::config::FrameSettings;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::time::Duration;
 
 /// Changes to a camera's file.
 #[derive(clap::Args, Clone, Debug)]
@@ -23,12 +25,29 @@ pub struct ChangeArgs {
     /// Change a key of the camera file: sensor.noise.read_e=2.5, effect.KIND.KEY=VALUE; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<Change>,
+    /// Which sensor of this make: sensor.seed, which fixes every fixed pattern
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// F-number of the lens: lens.f_number
+    #[arg(long, value_name = "F", value_parser = positive, allow_negative_numbers = true)]
+    f_number: Option<f64>,
 }
 
 impl ChangeArgs {
     /// Loads a preset or a camera file with the changes applied.
     pub fn load(&self, camera: &str) -> Result<Camera> {
-        Camera::load_with(camera, &self.set)
+        Camera::load_with(camera, &self.all()?)
+    }
+
+    /// All changes.
+    fn all(&self) -> Result<Vec<Change>> {
+        let seed = self.seed.map(|seed| format!("sensor.seed={seed}").parse());
+        let f_number = self.f_number.map(|number| format!("lens.f_number={number:?}").parse());
+        self.set.iter().cloned().map(Ok).chain(seed).chain(f_number).collect()
+    }
+
+    fn is_empty(&self) -> bool {
+        self.set.is_empty() && self.seed.is_none() && self.f_number.is_none()
     }
 }
 
@@ -66,7 +85,7 @@ impl CameraArgs {
     /// The name of an unchanged preset; `None` for a file or a changed preset.
     pub fn preset(&self) -> Option<&str> {
         let unchanged =
-            self.changes.set.is_empty() && self.noise == KeptNoise::All && self.capture.is_none();
+            self.changes.is_empty() && self.noise == KeptNoise::All && self.capture.is_none();
         (is_preset(&self.camera) && unchanged).then_some(&self.camera)
     }
 }
@@ -97,6 +116,15 @@ pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err(format!("{text:?} is not a number above zero")),
+    }
+}
+
+/// Reads an analog gain: a factor above zero, or in decibels (20 log₁₀) as `6dB`.
+pub fn gain(text: &str) -> Result<f64, String> {
+    let (number, unit) = text.split_at(text.len().saturating_sub(2));
+    match unit.eq_ignore_ascii_case("db") {
+        true => Ok(libm::exp10(finite(number.trim())? / 20.0)),
+        false => positive(text),
     }
 }
 
@@ -167,8 +195,31 @@ pub fn broken_link(error: &Error) {
     eprintln!("the link broke; resuming the frame at {rig}");
 }
 
-/// A progress bar on standard error, hidden when that is not a terminal.
+/// A progress bar on standard error; where that is not a terminal, a line every ten seconds.
 pub fn progress(label: &'static str, total: u64) -> ProgressBar {
+    let bar = match quiet() {
+        true => ProgressBar::hidden(),
+        false => bar(label, total),
+    };
+    if !quiet() && !std::io::stderr().is_terminal() {
+        let bar = bar.downgrade();
+        std::thread::spawn(move || {
+            loop {
+                std::thread::sleep(LINE_EVERY);
+                let Some(bar) = bar.upgrade().filter(|bar| !bar.is_finished()) else { return };
+                let of =
+                    bar.length().filter(|n| *n > 0).map_or(String::new(), |n| format!("/{n}"));
+                eprintln!("{label}: {}{of}", bar.position());
+            }
+        });
+    }
+    bar
+}
+
+/// Time between lines of progress.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+fn bar(label: &'static str, total: u64) -> ProgressBar {
     let style = ProgressStyle::with_template("{prefix:>12} {wide_bar} {pos}/{len} {eta}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(total).with_style(style).with_prefix(label)
@@ -212,8 +263,8 @@ pub struct FrameArgs {
     /// auto:SHARE (mean of green, as a fraction of full scale above black)
     #[arg(long, value_parser = exposure, allow_hyphen_values = true, value_name = "TIME")]
     pub exposure: Exposure,
-    /// Analog gain [default: that of the camera file]
-    #[arg(long, value_parser = positive, value_name = "G", allow_negative_numbers = true)]
+    /// Analog gain, or in decibels as 6dB [default: that of the camera file]
+    #[arg(long, value_parser = gain, value_name = "G", allow_negative_numbers = true)]
     pub gain: Option<f64>,
     #[command(flatten)]
     pub(super) readout: ReadoutArgs,
@@ -367,6 +418,14 @@ mod tests {
             duration("1/0").is_err() && duration("/50").is_err() && duration("1/5ms").is_err()
         );
         assert!(exposure("auto:-1").is_err() && exposure("automatic").is_err());
+    }
+
+    #[test]
+    fn gains() {
+        assert_eq!((gain("2.5"), gain("0dB")), (Ok(2.5), Ok(1.0)));
+        assert!((gain("6dB").unwrap() - 1.995_262).abs() < 1e-6);
+        assert!((gain("-6 db").unwrap() - 0.501_187).abs() < 1e-6);
+        assert!(gain("0").is_err() && gain("dB").is_err() && gain("-2").is_err());
     }
 
     #[test]

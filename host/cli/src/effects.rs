@@ -23,7 +23,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let known: Vec<&str> = kinds.iter().map(|e| e.kind).collect();
         let unknown = Error::input(format!("unknown effect {kind:?}"))
             .help(toml_text::did_you_mean(kind, &known));
-        kinds.retain(|e| e.kind == kind);
+        kinds.retain(|e| e.kind.eq_ignore_ascii_case(kind));
         if kinds.is_empty() {
             return Err(unknown);
         }

@@ -17,6 +17,11 @@ macro_rules! print {
     ($($what:tt)*) => { $crate::stdout::print(format_args!($($what)*)) };
 }
 
+/// `eprintln!`, which `--quiet` limits to errors and warnings.
+macro_rules! eprintln {
+    ($($what:tt)*) => { $crate::stdout::tell(format_args!($($what)*)) };
+}
+
 mod advice;
 pub mod arguments;
 mod batch;
@@ -73,6 +78,9 @@ use std::process::ExitCode;
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Print no notes and no progress, only warnings and errors
+    #[arg(long, global = true)]
+    quiet: bool,
 }
 
 #[derive(Subcommand)]
@@ -106,7 +114,10 @@ enum Command {
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
-    let command = Cli::parse().command;
+    let Cli { command, quiet } = Cli::parse();
+    if quiet {
+        stdout::be_quiet();
+    }
     let stopping = || eprintln!("stopping after the current frame; a second signal stops at once");
     signals::before_signals_end(stopping, output::remove_unfinished);
     let status = stdout::guard(|| run(command)).unwrap_or_else(|error| {

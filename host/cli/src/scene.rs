@@ -104,7 +104,8 @@ struct AddArgs {
     force: bool,
 }
 
-/// Write a scene for other programs: ENVI (.hdr with .img) or ISETCam (.mat)
+/// Write a scene for other programs: ENVI (.hdr with .img) or ISETCam (.mat); of a ColorChecker
+/// also its reflectances as a table (-patches.csv)
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  camrig scene export my-scenes/street -o envi/\n  \
                         camrig scene export colorchecker --format mat --width 640 -o chart/")]
@@ -269,6 +270,13 @@ fn export(args: &ExportArgs) -> Result<()> {
             let path = output.path().join(format!("{name}.mat"));
             isetcam::write(&path, name, &bands, white.as_deref(), band)?;
         }
+    }
+    if let Some(patches) = chart::colorchecker::file(name) {
+        output::write_file(
+            &output.path().join(format!("{name}-patches.csv")),
+            false,
+            patches.as_bytes(),
+        )?;
     }
     bar.finish_and_clear();
     for note in scene.notes().into_iter().chain(scaled) {

@@ -10,11 +10,32 @@ use std::any::Any;
 use std::io::{self, Write};
 use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Writes to standard output; an error ends the command that [`guard`] runs.
 pub fn print(what: std::fmt::Arguments<'_>) {
     if let Err(error) = io::stdout().lock().write_fmt(what) {
         panic::resume_unwind(Box::new(failed(error)));
+    }
+}
+
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// From here on, errors and warnings alone are printed on standard error.
+pub fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Whether only errors and warnings are printed on standard error.
+pub fn quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Writes a line to standard error.
+pub fn tell(what: std::fmt::Arguments<'_>) {
+    let line = what.to_string();
+    if !quiet() || ["error", "warning"].iter().any(|kind| line.starts_with(kind)) {
+        std::eprintln!("{line}");
     }
 }
 

@@ -1,6 +1,6 @@
 //! `camrig captures new`: drafts a manifest from the frames of a folder.
 
-use crate::arguments::{duration, positive, progress};
+use crate::arguments::{duration, gain, positive, progress};
 use camrig_base::output::OutputFile;
 use camrig_base::{Cfa, Error, Result};
 use camrig_captures::Role;
@@ -30,7 +30,7 @@ pub struct NewArgs {
     #[arg(long, value_parser = duration, value_name = "TIME")]
     exposure: Option<f64>,
     /// Analog gain, where the files have none
-    #[arg(long, value_parser = positive, value_name = "G")]
+    #[arg(long, value_parser = gain, value_name = "G")]
     gain: Option<f64>,
     /// Temperature of the sensor, where the files have none
     #[arg(long, value_name = "C", allow_negative_numbers = true)]

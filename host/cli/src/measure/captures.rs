@@ -106,10 +106,11 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
     let set = opened(&args.on.captures)?;
     let result = emva::measure(&set)?;
     let folder = args.on.captures.display().to_string();
-    let camera = result.conditions.camera.as_deref().unwrap_or(&folder);
+    let name = set.name();
+    let camera = result.conditions.camera.as_deref().unwrap_or(&name);
     let title = format!("{camera} · EMVA 1288 data sheet");
     let command = format!("camrig measure emva {folder} --report");
-    args.page.write(|| report::emva::page(&title, &folder, &result, &command))?;
+    args.page.write(|| report::emva::page(&title, &name, &result, &command))?;
     let args = &args.on;
     if args.json {
         // At the top, the channel with most light, for which the levels were chosen.

@@ -1,9 +1,11 @@
 //! `camrig measure patches|profile`: figures of single raw frames.
 
-use crate::arguments::finite;
+use super::plus_minus;
+use crate::arguments::{finite, positive};
 use camrig_base::Cfa;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats as formats;
+use camrig_measure::contrast::{self, Samples, Wanted};
 use camrig_measure::mtf::Roi;
 use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along, RINGS};
@@ -107,6 +109,19 @@ impl Opened {
             .ok_or_else(|| Error::input("the file has no black level").help("provide --black DN"))
     }
 
+    /// The samples of a channel in a region.
+    fn codes(&self, letter: char, roi: &Roi) -> Result<Vec<u16>> {
+        let (right, bottom) = (roi.x + roi.width, roi.y + roi.height);
+        if right > self.plane.width || bottom > self.plane.height {
+            let (width, height) = (self.plane.width, self.plane.height);
+            return Err(Error::input(format!("a region outside the frame of {width} x {height}"))
+                .help("give column, row, width and height in pixels"));
+        }
+        let places = (roi.y..bottom).flat_map(|y| (roi.x..right).map(move |x| (x, y)));
+        let of_channel = places.filter(|&(x, y)| self.cfa.letter(x, y) == letter);
+        Ok(of_channel.map(|(x, y)| self.plane.at(x, y)).collect())
+    }
+
     /// The letters requested: all channels, or one.
     pub fn letters(&self, asked: &str) -> Result<Vec<char>> {
         let known = self.cfa.channels();
@@ -154,6 +169,74 @@ pub fn corners(text: &str) -> Result<Corners, String> {
         Ok(&[a, b, c, d, e, f, g, h]) => Ok([[a, b], [c, d], [e, f], [g, h]]),
         _ => Err(format!("{text:?}: use eight numbers, X1,Y1,...,X4,Y4")),
     }
+}
+
+#[derive(ClapArgs)]
+pub struct ContrastArgs {
+    #[command(flatten)]
+    source: FrameSource,
+    /// Region of the bright patch, pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    bright: Roi,
+    /// Region of the dark patch, pixels
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    dark: Roi,
+    /// Weber contrast of the patches [default: that of their means]
+    #[arg(long, value_name = "K", value_parser = positive, allow_negative_numbers = true)]
+    contrast: Option<f64>,
+    /// Relative deviation from the contrast that counts as shown
+    #[arg(long, value_name = "EPSILON", default_value_t = 0.5)]
+    tolerance: f64,
+    /// Channel letter, or all
+    #[arg(long, default_value = "all", value_name = "r|g|b|all")]
+    channel: String,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn contrast_of(args: &ContrastArgs) -> Result<ExitCode> {
+    let frame = args.source.open()?;
+    let black = frame.black()?;
+    let mut object = Map::new();
+    for letter in frame.letters(&args.channel)? {
+        let at = |e: Error| e.at(format!("{}, channel {letter}", args.source.frame.display()));
+        let samples = |roi: &Roi| Ok(Samples::new(frame.codes(letter, roi)?, black));
+        let (bright, dark) = (samples(&args.bright)?, samples(&args.dark)?);
+        let of_means = bright.mean_dn() / dark.mean_dn() - 1.0;
+        let wanted = Wanted::new(args.contrast.unwrap_or(of_means), args.tolerance).map_err(at)?;
+        let found = contrast::of_samples(&bright, &dark, wanted).map_err(at)?;
+        let (b, d) = (bright.noise(), dark.noise());
+        let predicted = contrast::of_noise(b, d, black, wanted);
+        let name = letter.to_ascii_lowercase().to_string();
+        if !args.json {
+            println!(
+                "{name}: CTA {} of all pairs, {predicted:.4} by means and noise; contrast {:.4} ± \
+                 {:.0} %, {:.2} and {:.2} DN above black",
+                plus_minus(found),
+                wanted.contrast,
+                100.0 * wanted.tolerance,
+                b.mean_dn,
+                d.mean_dn
+            );
+        }
+        let cta = json!({ "value": found.value, "std_error": found.std_error, "unit": "1" });
+        object.insert(
+            name,
+            json!({
+                "contrast_transfer_accuracy": cta,
+                "contrast_transfer_accuracy_of_noise": predicted,
+                "contrast": wanted.contrast,
+                "tolerance": wanted.tolerance,
+                "bright": b,
+                "dark": d,
+            }),
+        );
+    }
+    if args.json {
+        println!("{}", json!({ "channels": object }));
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
 #[derive(ClapArgs)]

@@ -52,6 +52,13 @@ enum What {
     #[command(after_help = "Examples:\n  camrig measure patches chart.dng --json\n\
         Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
     Patches(frames::PatchesArgs),
+    /// Contrast transfer accuracy (IEEE 2020): how often two pixels show the contrast of two patches
+    #[command(after_help = "\
+        Counts all pairs of pixels, one of each patch, whose contrast lies within the tolerance of \
+        that of\n\
+        the patches, and gives beside it what means and noise predict.\n\n\
+        Examples:\n  camrig measure contrast chart.dng --bright 200,100,40,40 --dark 300,100,40,40")]
+    Contrast(frames::ContrastArgs),
     /// Row or column profile, compared with another frame, and relative illumination
     #[command(after_help = "Examples:\n  \
             camrig measure profile a.dng --row 60 --against b.dng --channel g")]
@@ -98,6 +105,7 @@ pub fn run(args: Args) -> Result<ExitCode> {
         What::Dark(args) => dark::dark_of(&args),
         What::Mtf(args) => mtf::mtf_of(&args),
         What::Patches(args) => frames::patches_of(&args),
+        What::Contrast(args) => frames::contrast_of(&args),
         What::Profile(args) => frames::profile_of(&args),
         What::Rates(args) => captures::rates_of(&args),
         What::Compare(args) => captures::compare_of(&args),

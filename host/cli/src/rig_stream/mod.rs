@@ -6,7 +6,7 @@ pub(super) mod pace;
 mod report;
 
 use super::arguments::{
-    self, CameraArgs, DeviceArgs, arithmetic, duration, frames_per_s, positive,
+    self, CameraArgs, DeviceArgs, arithmetic, duration, frames_per_s, gain, positive,
 };
 use super::live;
 use super::readout::ReadoutArgs;
@@ -116,7 +116,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["exposure", "gain"])]
     script: Option<PathBuf>,
     /// Analog gain [default: that of the camera file]
-    #[arg(long, value_parser = positive, value_name = "G")]
+    #[arg(long, value_parser = gain, value_name = "G")]
     gain: Option<f64>,
     /// Number of frames [default: 10, or those of a sequence]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]

@@ -9,7 +9,7 @@ mod registers;
 mod scene;
 mod session;
 
-use super::arguments::{arithmetic, duration, positive};
+use super::arguments::{arithmetic, duration, gain, positive};
 use super::notes::{Notes, Page};
 use super::scene_lights::SceneLights;
 use super::times::TimeArgs;
@@ -59,7 +59,7 @@ pub struct Args {
     )]
     exposure: f64,
     /// Analog gain at the start
-    #[arg(long, value_parser = positive, value_name = "G", default_value_t = 1.0)]
+    #[arg(long, value_parser = gain, value_name = "G", default_value_t = 1.0)]
     gain: f64,
     /// Maximum frame rate, frames/s
     #[arg(long, value_parser = positive, value_name = "F", default_value_t = 25.0)]

@@ -118,6 +118,7 @@ pub fn of(
     wanted: &Wanted,
 ) -> Figures {
     let (chart, options) = scene.split_once(':').unwrap_or((scene, ""));
+    let chart = &*chart.to_ascii_lowercase();
     let mut channels = Map::new();
     for (index, channel) in frame.channel_means().into_iter().enumerate() {
         let mut figures =

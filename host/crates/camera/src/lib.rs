@@ -254,7 +254,8 @@ impl Camera {
     ) -> Result<Self> {
         let changes: Vec<Change> = changes.into_iter().map(Into::into).collect();
         if is_preset(spec) {
-            let text = presets::file(&format!("{spec}.toml")).ok_or_else(|| {
+            let file = format!("{}.toml", spec.to_ascii_lowercase());
+            let text = presets::file(&file).ok_or_else(|| {
                 let error = presets::unknown("camera", spec);
                 let help = error.remedy().unwrap_or_default().to_string();
                 error.help(format!("{help}; or give a file such as ./camera.toml"))

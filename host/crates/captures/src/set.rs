@@ -64,6 +64,13 @@ impl CaptureSet {
         manifest::parse(&text, &file)
     }
 
+    /// Its name: that of its directory.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let root = std::fs::canonicalize(&self.root).unwrap_or_else(|_| self.root.clone());
+        root.file_name().unwrap_or(root.as_os_str()).to_string_lossy().into_owned()
+    }
+
     /// The set restricted to `width` columns from `x` on and `height` rows from `y` on of every
     /// frame, as if the sensor had no others.
     ///

@@ -66,6 +66,8 @@ pub enum Kind {
     IdenticalFrames,
     /// Samples that are all multiples of a step.
     CodeStep,
+    /// Samples on codes whose distance depends on the level.
+    Requantised,
     /// Samples that pile up at a code below the white level of the manifest.
     TopCode,
     /// Frames that a camera filtered or compressed.

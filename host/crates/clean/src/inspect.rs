@@ -16,7 +16,7 @@ use super::processed::{self, Lags};
 use super::residuals::{FrameLevels, Residuals};
 use super::scan::{Scan, darks_and_flats};
 use super::transfer::Transfer;
-use super::{codes, copies, labels, temperature, top_code};
+use super::{codes, copies, labels, requantised, temperature, top_code};
 use camrig_base::{Plane, Result};
 use camrig_captures::{CaptureSet, Role};
 
@@ -59,6 +59,8 @@ pub fn inspect(set: &CaptureSet, options: &Options<'_>) -> Result<(Vec<Finding>,
     if let Some(step) = codes::step(&scans) {
         findings.push(codes::finding(set, &step));
         corrections.step = step.idle_bits().map(|_| step);
+    } else {
+        findings.extend(requantised::finding(set, &scans));
     }
     corrections.top_code = top_code::of(set, &scans);
     findings.extend(corrections.top_code.map(|top| top_code::finding(set, &scans, top)));

@@ -14,7 +14,7 @@
 //! | `torn` | frames of which a part is of another exposure |
 //! | `inspect` | the order of the tests |
 //! | `scan`, `band`, `residuals`, `transfer` | data for the tests: levels and codes of frames, time series of pixels, gain |
-//! | `codes`, `top_code`, `copies`, `temperature` | steps and top of the codes, identical frames, missing temperatures |
+//! | `codes`, `requantised`, `top_code`, `copies`, `temperature` | steps and top of the codes, identical frames, missing temperatures |
 //! | `events`, `particles`, `completeness` | deviations in single frames, whether they are particles, which share is detected |
 //! | `changes` | pixels that change within a stack |
 //! | `levels`, `labels` | signals that contradict the stated light |
@@ -66,6 +66,7 @@ mod levels;
 mod options;
 mod particles;
 mod processed;
+mod requantised;
 mod residuals;
 mod scan;
 mod temperature;

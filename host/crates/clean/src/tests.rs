@@ -447,3 +447,26 @@ fn samples_that_pile_up_below_the_white_level_are_saturated() {
         assert!(piled || found.is_empty(), "{found:#?}");
     }
 }
+
+/// A table of the square root: codes are 2 DN apart from 500 DN on, and 4 DN from 2000 DN on.
+#[test]
+fn codes_whose_step_depends_on_the_level_are_found() {
+    let mut table = |dn: &mut [f64], _: usize| {
+        for v in dn {
+            let step = if *v < 500.0 {
+                1.0
+            } else if *v < 2000.0 {
+                2.0
+            } else {
+                4.0
+            };
+            *v = (*v / step).floor() * step;
+        }
+    };
+    let found = findings_of(19, Hooks { codes: Some(&mut table), ..Hooks::default() });
+    let steps: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::Requantised).collect();
+    assert_eq!(steps.iter().map(|f| f.amount).collect::<Vec<_>>(), [Some(4.0)], "{found:#?}");
+    for words in ["1 DN from", "2 DN from", "4 DN from"] {
+        assert!(steps[0].description.contains(words), "{}", steps[0].description);
+    }
+}

@@ -7,8 +7,9 @@
 //! to 8 bits are `mono8` or `bayer_rggb8` and its like, others `...16`; they are the sensor's DN,
 //! not stretched. What ROS has no field for (bits, black and white level) is in the channel's
 //! metadata under `camrig`, from which [`decode`] takes it. Written without compression, read also
-//! with zstd and lz4; a chunk for each
-//! frame, so that a recording that is cut off can be repaired (`mcap recover`).
+//! with zstd and lz4; in records one
+//! after another, without chunks and their index: `mcap recover` adds one, and repairs a recording
+//! that is cut off.
 
 mod chunks;
 
@@ -77,7 +78,8 @@ impl Recording {
             .profile("ros2")
             .library("camrig")
             .compression(None)
-            .chunk_size(None)
+            // The index of chunks would be kept in memory to the end of the recording.
+            .use_chunks(false)
             .disable_seeking(true);
         let mut writer = options.create(NoSeek::new(pending.clone())).map_err(failed)?;
         let mut metadata = BTreeMap::from([("offered_qos_profiles".into(), String::new())]);
@@ -130,7 +132,7 @@ impl Recording {
         self.writer.write_to_known_channel(&header, data).map_err(failed)
     }
 
-    /// The bytes of the file's end: its index.
+    /// The bytes of the file's end: its channels and statistics.
     ///
     /// # Errors
     /// None that depends on the frames.
@@ -349,8 +351,9 @@ mod tests {
             assert_ne!(packed, plain);
             assert_eq!(decode(&packed).unwrap(), decode(&plain).unwrap(), "{packing}");
             let mut damaged = packed.clone();
-            let middle = packed.len() / 4;
-            damaged[middle..middle + 40].fill(0x55);
+            // In the first chunk, behind its head.
+            let chunk = packed.iter().zip(&plain).position(|(a, b)| a != b).unwrap();
+            damaged[chunk + 50..chunk + 90].fill(0x55);
             assert!(decode(&damaged).is_err(), "{packing}");
         }
         let other = chunks::tests::packed(&plain, "brotli");

@@ -76,6 +76,7 @@
 
 pub mod codes;
 pub mod compare;
+pub mod contrast;
 mod copies;
 pub mod correlation;
 pub mod coupling;

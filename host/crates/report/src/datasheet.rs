@@ -7,7 +7,7 @@ use super::plot::{Colour, Mark, Plot};
 use camrig_camera::Camera;
 use camrig_measure::Value;
 use camrig_measure::crosstalk::Crosstalk;
-use camrig_validate::datasheet::Datasheet;
+use camrig_validate::datasheet::{CONTRAST_TOLERANCE, Datasheet, contrast_transfer};
 
 /// The data sheet of a camera: its file's facts, the figures measured on simulated captures,
 /// plots.
@@ -40,6 +40,7 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
         ]
     }));
     page.rows(&edges);
+    contrast(&mut page, camera, sheet);
     page.heading("Positional crosstalk");
     match &sheet.crosstalk {
         Some(crosstalk) => {
@@ -58,6 +59,37 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
     page.heading("Further figures").rows(&emva::further(&sheet.emva.channels));
     emva::further_remarks(&mut page, &sheet.emva);
     page.html()
+}
+
+/// Dark signals, e⁻, and contrasts of the table of contrast transfer.
+const DARK_E: [f64; 6] = [10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0];
+const CONTRASTS: [f64; 4] = [0.1, 0.3, 1.0, 3.0];
+
+/// Contrast transfer accuracy of the channel with most light.
+fn contrast(page: &mut Page, camera: &Camera, sheet: &Datasheet) {
+    let light = |c: &&camrig_measure::emva::ChannelEmva| {
+        c.levels.iter().map(|level| level.signal_dn).sum::<f64>()
+    };
+    let most = sheet.emva.channels.iter().max_by(|a, b| light(a).total_cmp(&light(b)));
+    let Some(channel) = most else { return };
+    page.heading("Contrast transfer accuracy (IEEE 2020)").paragraph(&format!(
+        "Share of pairs of pixels of channel {}, one of each patch, that show the patches' Weber \
+         contrast within {:.0} %: from gain and noise above. –: beyond saturation or not \
+         determined.",
+        channel.channel.to_uppercase(),
+        100.0 * CONTRAST_TOLERANCE
+    ));
+    let heads = CONTRASTS.map(|k| format!("contrast {k}"));
+    let mut table = Table::new(&["dark patch, e⁻"]).numbers(&heads.each_ref().map(|h| &h[..]));
+    table.rows(DARK_E.iter().map(|&dark_e| {
+        let cell = |&k: &f64| {
+            let found = contrast_transfer(channel, camera.sensor.black_level_dn, dark_e, k);
+            found.ok().flatten().map_or_else(|| "–".into(), |share| format!("{share:.3}"))
+        };
+        let shares = CONTRASTS.iter().map(cell);
+        std::iter::once(number(dark_e)).chain(shares).collect()
+    }));
+    page.rows(&table);
 }
 
 fn efficiency(sheet: &Datasheet) -> Plot {

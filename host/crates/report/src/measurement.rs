@@ -7,6 +7,7 @@ use super::plot::{Colour, Mark, Plot};
 use camrig_captures::CaptureSet;
 use camrig_measure::Value;
 use camrig_measure::{mtf, ptc};
+use std::path::Path;
 
 /// Frequency up to which responses are drawn, cycles/pixel.
 const HIGHEST: f64 = 1.0;
@@ -22,7 +23,9 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
     let mut page = Page::new("Photon transfer");
     let s = &set.sensor;
     page.kind("Measurement").subtitle(&format!(
-        "{} of {} × {} pixels, {} bits, analog gain {}",
+        "{}{}: {} of {} × {} pixels, {} bits, analog gain {}",
+        set.name(),
+        set.camera.as_ref().map_or_else(String::new, |camera| format!(" of {}", stem(camera))),
         counted(set.captures.len(), "capture"),
         s.width,
         s.height,
@@ -43,18 +46,14 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
     for note in &result.notes {
         page.note(&format!("{}.", capitalised(note)));
     }
-    page.heading("Photon transfer").evidence(
-        |page| {
-            page.plot(&transfer(result));
-        },
-        |page| {
-            page.rows(&figures(result));
-            page.small(
-                "Value ± standard error. All: mean of the channels, weighted by their errors.",
-            );
-        },
-    );
+    page.heading("Photon transfer").plot(&transfer(result)).rows(&figures(result));
+    page.small("Value ± standard error. All: mean of the channels, weighted by their errors.");
     page
+}
+
+/// The name of a camera's file.
+fn stem(camera: &Path) -> String {
+    camera.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
 }
 
 fn transfer(result: &ptc::Ptc) -> Plot {

@@ -63,7 +63,7 @@ pub fn open(spec: &str) -> Result<Box<dyn Scene>> {
 /// Whether a scene's name is that of a file or directory rather than of a built-in chart.
 pub fn is_file(spec: &str) -> bool {
     let (name, _) = spec.split_once(':').unwrap_or((spec, ""));
-    !chart::NAMES.contains(&name)
+    !chart::NAMES.iter().any(|chart| chart.eq_ignore_ascii_case(name))
 }
 
 /// A scene's own width and height in pixels; charts have none.

@@ -5,6 +5,7 @@ use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_capture::{bench, plan, take};
 use camrig_captures::{CaptureSet, Role};
+use camrig_measure::contrast::{self, Noise, Wanted};
 use camrig_measure::crosstalk::{self, Crosstalk};
 use camrig_measure::ladder::{Level, photons};
 use camrig_measure::mtf::{self, Edge, Roi};
@@ -88,6 +89,39 @@ impl Datasheet {
         let (edges, notes) = edges(camera)?;
         Ok(Self { emva, channels, efficiency, edges, crosstalk, notes })
     }
+}
+
+/// Tolerance ε of the contrasts of a data sheet.
+pub const CONTRAST_TOLERANCE: f64 = 0.5;
+
+/// Contrast transfer accuracy (IEEE 2020) of single pixels over the whole frame, predicted from
+/// the gain, temporal and fixed-pattern noise of EMVA 1288: of a Weber contrast to a dark patch of
+/// `dark_e` electrons, both below saturation.
+///
+/// # Errors
+/// A contrast that is not positive.
+pub fn contrast_transfer(
+    channel: &emva::ChannelEmva,
+    black_dn: f64,
+    dark_e: f64,
+    contrast: f64,
+) -> Result<Option<f64>> {
+    let wanted = Wanted::new(contrast, CONTRAST_TOLERANCE)?;
+    let f = &channel.figures;
+    let bright_e = dark_e * (1.0 + contrast);
+    let (Some(read_e), Some(dsnu_e), Some(prnu_percent)) =
+        (f.temporal_dark_noise_e, f.dsnu_1288_e, f.prnu_1288_percent)
+    else {
+        return Ok(None);
+    };
+    let k = f.linearised_system_gain.unwrap_or(f.overall_system_gain);
+    let noise = |signal_e: f64| {
+        let fixed = libm::hypot(dsnu_e, 0.01 * prnu_percent * signal_e);
+        let sd_dn = k * (read_e * read_e + signal_e + fixed * fixed).sqrt();
+        Noise { mean_dn: k * signal_e, sd_dn }
+    };
+    let below = bright_e < f.saturation_capacity_e;
+    Ok(below.then(|| contrast::of_noise(noise(bright_e), noise(dark_e), black_dn, wanted)))
 }
 
 /// The camera with the middle of its sensor only.
@@ -214,6 +248,13 @@ mod tests {
         let green = &sheet.emva.channels[1].figures;
         let read = camera.sensor.noise.read_e;
         assert!((green.temporal_dark_noise_e.unwrap() / read - 1.0).abs() < 0.05);
+        // A contrast of 1 to 1000 e⁻ is 1000 ± 500 e⁻ in a noise of some 60 e⁻; one of 0.1 to
+        // 30 e⁻ is 3 ± 1.5 e⁻ in a noise of at least 8 e⁻.
+        let cta = |e, k| contrast_transfer(&sheet.emva.channels[1], 64.0, e, k).unwrap();
+        assert!(cta(1000.0, 1.0).unwrap() > 0.999);
+        assert!((0.5..1.0).contains(&cta(300.0, 0.3).unwrap()));
+        assert!(cta(30.0, 0.1).unwrap() < 0.2);
+        assert_eq!(cta(1e6, 1.0), None);
         assert_eq!(sheet.edges.len(), 3);
         assert!(sheet.edges.iter().all(|e| e.mtf50_std_error < 0.05 * e.mtf50_cycles_per_pixel));
     }

@@ -112,19 +112,20 @@ pub(super) mod tests {
     use super::*;
     use std::io::Write;
 
-    /// A recording with its chunks compressed by `packing`.
+    /// A recording with each message in a chunk that is compressed by `packing`.
     pub fn packed(plain: &[u8], packing: &str) -> Vec<u8> {
         let (mut rest, mut out) = (&plain[MCAP_MAGIC.len()..], MCAP_MAGIC.to_vec());
         while rest.len() > HEAD {
             let length = u64::from_le_bytes(std::array::from_fn(|i| rest[1 + i])) as usize;
             let (record, next) = rest.split_at(HEAD + length);
-            match Chunk::of(&record[HEAD..]).filter(|_| record[0] == op::CHUNK) {
-                Some(chunk) => {
-                    let records = compressed(chunk.records, packing);
-                    let compression = packing.as_bytes();
-                    put_chunk(&mut out, &Chunk { compression, records: &records, ..chunk });
-                }
-                None => out.extend(record),
+            if record[0] == op::MESSAGE {
+                let records = compressed(record, packing);
+                // Two times, the length when unpacked, no checksum.
+                let fixed = [&[0; 16][..], &(record.len() as u64).to_le_bytes(), &[0; 4]].concat();
+                let compression = packing.as_bytes();
+                put_chunk(&mut out, &Chunk { fixed: &fixed, compression, records: &records });
+            } else {
+                out.extend(record);
             }
             rest = next;
         }

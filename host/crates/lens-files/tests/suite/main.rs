@@ -6,5 +6,6 @@ mod lens_fields;
 mod lens_folds;
 mod lens_import;
 mod lens_tracer;
+mod patents;
 mod seq_files;
 mod zmx_files;

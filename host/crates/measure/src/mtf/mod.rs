@@ -2,8 +2,8 @@
 //!
 //! The method of ISO 12233:2023 (e-SFR), on the channel's own samples without demosaicing:
 //! 1. in each row, the edge's position is the centroid of the windowed derivative of the samples;
-//! 2. a cubic through the rows' positions is the edge (lens distortion bends it; the standard
-//!    allows up to the fifth order);
+//! 2. a straight line through the rows' positions is the edge, or a cubic where it is bent by more
+//!    than noise (lens distortion bends it; the standard allows up to the fifth order);
 //! 3. samples are sorted by their distance from the edge along its normal into bins of a quarter
 //!    of the channel's sample pitch: the oversampled edge spread function. A bin's value is the
 //!    mean over the bin of the polygon through the samples, which does not depend on their
@@ -15,6 +15,11 @@
 //!    diffraction spreads beyond the region (the standard divides by the windowed height, which
 //!    raises the SFR of small pixels at f/8 by some per cent). Uneven light over the region has
 //!    the same effect as such tails.
+//!
+//! Two steps of the standard are done otherwise, as noise would pull the SFR down. The line is
+//! fitted to all samples at once (`line.rs`): centroids of noisy rows scatter, and a line through
+//! them blurs. Where noise is more than what lies in the tails, the window is narrower and the
+//! height is that of the sides' means; the noise's own power is subtracted.
 //!
 //! Frequencies are in cycles per sensor pixel for every channel: the samples of a Bayer channel
 //! are two pixels apart, but the bins are finer, so that its curve also extends beyond its own
@@ -71,6 +76,9 @@ const CLIPPED_SHARE: f64 = 0.005;
 /// is unknown: half of symmetric noise is beyond its mean, so clipping there or further in affects
 /// at least as many samples.
 const ONE_VALUE_SHARE: f64 = 0.5;
+/// Largest standard error of the response at one half: with more, one half is less than two
+/// standard errors from none.
+const MAX_NOISE: f64 = 0.25;
 /// Smallest scatter of samples, DN, for the limit of defects in noiseless frames.
 const MIN_SCATTER_DN: f64 = 1e-9;
 
@@ -118,8 +126,8 @@ pub struct Edge {
     pub angle_deg: f64,
     /// MTF50: frequency where the response falls to one half, cycles per pixel.
     pub mtf50_cycles_per_pixel: f64,
-    /// Standard error of MTF50, cycles per pixel: the larger of those from blocks of rows and, for
-    /// several frames, from the frames.
+    /// Standard error of MTF50, cycles per pixel: the largest of those from the noise of the sides,
+    /// from blocks of rows and, for several frames, from the frames.
     pub mtf50_std_error: f64,
     /// Standard deviation of MTF50 between frames, cycles per pixel; `None` for one frame.
     pub mtf50_frame_spread: Option<f64>,
@@ -189,13 +197,20 @@ pub fn measure_frames(
     let first =
         found.first().ok_or_else(|| Error::input("no frames").help("provide one or more"))?;
     check_same_edge(&frames, &found)?;
-    let edges = Edges::new(&found);
+    let edges = Edges::new(&found)?;
     let sfr = edges.response(None)?;
     let mtf50 = sfr.crossing(0.5).ok_or_else(|| {
         let end = sfr.curve.last().map_or(0.0, |p| p[0]);
         Error::input(format!("the response does not fall to one half below {end:.2} cycles/pixel"))
             .help("check that this is an image of an edge; noise has such a response")
     })?;
+    let noise = sfr.noise(mtf50).sqrt();
+    if noise > MAX_NOISE {
+        return Err(Error::input(format!(
+            "noise hides the response: at one half its standard error is {noise:.2}"
+        ))
+        .help("use more light, a larger region or more frames"));
+    }
     // Jackknife: leave out one block of rows at a time.
     let parts: Vec<Sfr> =
         (0..BLOCKS).filter_map(|block| edges.response(Some(block)).ok()).collect();
@@ -205,7 +220,10 @@ pub fn measure_frames(
     let mtf50_frame_spread = edges.frame_spread()?;
     let between = mtf50_frame_spread.map_or(0.0, |s| s / (frames.len() as f64).sqrt());
     let rounded = edges.rounding(&sfr, mtf50);
-    let mtf50 = Value::new(mtf50, libm::hypot(rows.max(between), rounded));
+    // Of a response of bell shape, whose slope at one half is ln 2 over its frequency.
+    let by_noise = noise * mtf50 / std::f64::consts::LN_2;
+    let scatter = rows.max(between).max(by_noise);
+    let mtf50 = Value::new(mtf50, libm::hypot(scatter, rounded));
     let size = frames[0].0;
     let half = [size.width, size.height].map(|side| 0.5 * side as f64);
     let (across, along) = first.line.centre();
@@ -258,6 +276,8 @@ struct Edges<'a> {
     reach: f64,
     /// Mean levels of the sides, dark first, DN.
     levels: [f64; 2],
+    /// Half width of the window, pixels.
+    window: f64,
 }
 
 impl<'a> Edges<'a> {
@@ -267,7 +287,7 @@ impl<'a> Edges<'a> {
         /// Steps of the slope, cycles per pixel.
         const BESIDE: f64 = 0.01;
         let first = &self.found[0];
-        let sides = far_sides(&first.rows, &first.line, sfr.half);
+        let sides = far_sides(&first.rows, &first.line, self.reach);
         let blurred = sides.iter().all(|side| side.variance >= QUANTISATION_LIMITED);
         let (below, above) = (sfr.at(frequency - BESIDE), sfr.at(frequency + BESIDE));
         let (false, Some(below), Some(above)) = (blurred, below, above) else { return 0.0 };
@@ -275,12 +295,15 @@ impl<'a> Edges<'a> {
         (1.0 / (sides[1].mean - sides[0].mean) / slope).abs()
     }
 
-    fn new(found: &'a [Found]) -> Self {
+    fn new(found: &'a [Found]) -> Result<Self> {
         let reach = found.iter().map(|f| Spread::reach(&f.rows, &f.line));
         let mean = |side: usize| {
             found.iter().map(|f| f.line.levels[side]).sum::<f64>() / found.len() as f64
         };
-        Self { found, reach: reach.fold(f64::INFINITY, f64::min), levels: [mean(0), mean(1)] }
+        let reach = reach.fold(f64::INFINITY, f64::min);
+        let mut edges = Self { found, reach, levels: [mean(0), mean(1)], window: reach };
+        edges.window = edges.mean_spread(None)?.window()?;
+        Ok(edges)
     }
 
     /// The edge spread function of a frame about its own edge, its sides at the mean levels.
@@ -294,10 +317,15 @@ impl<'a> Edges<'a> {
         Ok(spread)
     }
 
+    /// The edge spread function of all frames without a block of rows.
+    fn mean_spread(&self, without: Option<usize>) -> Result<Spread> {
+        let spreads = self.found.iter().map(|frame| self.spread(frame, without));
+        Ok(Spread::mean(&spreads.collect::<Result<Vec<_>>>()?))
+    }
+
     /// The response of all frames without a block of rows.
     fn response(&self, without: Option<usize>) -> Result<Sfr> {
-        let spreads = self.found.iter().map(|frame| self.spread(frame, without));
-        Sfr::of(&Spread::mean(&spreads.collect::<Result<Vec<_>>>()?))
+        Sfr::of(&self.mean_spread(without)?, self.window)
     }
 
     /// Standard deviation of the frames' own MTF50, cycles per pixel; `None` of one frame.
@@ -305,7 +333,7 @@ impl<'a> Edges<'a> {
         if self.found.len() < 2 {
             return Ok(None);
         }
-        let own = |frame| Ok(Sfr::of(&self.spread(frame, None)?)?.crossing(0.5));
+        let own = |frame| Ok(Sfr::of(&self.spread(frame, None)?, self.window)?.crossing(0.5));
         let own: Vec<Option<f64>> = self.found.iter().map(own).collect::<Result<_>>()?;
         let own: Vec<f64> = own.into_iter().flatten().collect();
         Ok((own.len() > 1).then(|| moments(&own).1.sqrt()))
@@ -332,10 +360,7 @@ pub struct Response {
 /// `frequencies` (cycles per pixel), relative to the difference of the two sides' means. It has
 /// less noise than [`measure`], which takes the step's height from its ends, and is comparable
 /// between edges of the same lens and light.
-///
-/// Scatter: white noise of variance σ² in ρ samples per pixel of distance, under the window w over
-/// ±h, gives the transform's component along its own phase the variance σ²/2ρ·∫(w'² + (2πf·w)²) =
-/// σ²/2ρ·(π²/4h + 3π²f²h). Samples of defective pixels are excluded.
+/// Samples of defective pixels are excluded.
 ///
 /// # Errors
 /// Those of [`measure`], and a frequency beyond the end of the curve.
@@ -350,20 +375,18 @@ pub fn response<T: Copy + Into<f64>>(
     let Found { mut rows, step, line, .. } = find(frame, cfa, channel, roi, white_level_dn)?;
     exclude_defects(&mut rows, &line);
     let line = EdgeLine::find(&rows, step)?;
-    let sfr = Sfr::of(&Spread::of(&rows, &line, step, Spread::reach(&rows, &line), None)?)?;
+    let spread = Spread::of(&rows, &line, step, Spread::reach(&rows, &line), None)?;
+    let sfr = Sfr::of(&spread, spread.half())?;
     let [dark, bright] = far_sides(&rows, &line, sfr.half);
     let difference = bright.mean - dark.mean;
     let samples = rows.iter().map(Vec::len).sum::<usize>() as f64;
-    let density = rows.len() as f64 * libm::hypot(line.slope_at_middle(), 1.0) / step;
-    let noise = 0.5 * (dark.variance + bright.variance) / (2.0 * density);
-    let pi2 = std::f64::consts::PI.powi(2);
     let at = |&f: &f64| {
-        let variance = noise * pi2 * (0.25 / sfr.half + 3.0 * f * f * sfr.half);
         let response = sfr.at(f).ok_or_else(|| {
             Error::unsupported(format!("the samples do not show {f} cycles/pixel"))
                 .help("use a channel whose samples are closer together")
         })?;
-        Ok(Value::new(response * sfr.height.abs() / difference, variance.sqrt() / difference))
+        let own = sfr.height.abs() / difference;
+        Ok(Value::new(response * own, sfr.noise(f).sqrt() * own))
     };
     Ok(Response {
         at: frequencies.iter().map(at).collect::<Result<_>>()?,

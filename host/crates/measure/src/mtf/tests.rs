@@ -452,3 +452,68 @@ fn no_response_beyond_the_samples_of_x_trans() {
         assert!((blur(at) - 0.5).abs() < 0.02, "{}: {at}", edge.channel);
     }
 }
+
+/// Noise of a fifth to a fortieth of the step, through a Gaussian lens and square pixels.
+#[test]
+fn noise_does_not_pull_the_response() {
+    const FRAMES: u64 = 16;
+    for (pattern, letter) in [("mono", 'M'), ("RGGB", 'R'), ("RGGB", 'G')] {
+        let cfa = Cfa::parse(pattern).unwrap();
+        for (sigma, width, height) in [(0.5, 60, 80), (1.0, 100, 75)] {
+            let lens = |f: f64| gauss(sigma, f);
+            let mut frequencies = (1..4000).map(|k| f64::from(k) / 4000.0);
+            let truth = frequencies.find(|f| lens(*f) * sinc(*f) < 0.5).unwrap();
+            let values = through(width, height, 5.0, 0.3, lens);
+            for snr in [5.0, 10.0, 40.0] {
+                // The step is 3200 DN; all levels are far from both ends of the scale.
+                let noise = Normal::new(3000.0, 3200.0 / snr).unwrap();
+                let mut rng = Xoshiro256PlusPlus::seed_from_u64(7);
+                let mut found = Vec::new();
+                let mut errors = Vec::new();
+                for _ in 0..FRAMES {
+                    let noisy: Vec<f64> =
+                        values.iter().map(|v| v + noise.sample(&mut rng)).collect();
+                    let image = frame(width, height, &noisy);
+                    match measure(&image, &cfa, letter, whole(&image), None, None) {
+                        Ok(e) => {
+                            found.push(e.mtf50_cycles_per_pixel);
+                            errors.push(e.mtf50_std_error);
+                        }
+                        Err(e) => assert!(snr == 5.0 && e.to_string().contains("noise"), "{e}"),
+                    }
+                }
+                assert!(found.len() as u64 >= FRAMES - 2, "{pattern} {letter} {snr}");
+                let (mean, variance) = moments(&found);
+                let stated = moments(&errors).0;
+                println!(
+                    "{letter} blur {sigma}, step over noise {snr}: {mean:.4}, theory {truth:.4}, \
+                     scatter {:.4}, stated {stated:.4}",
+                    variance.sqrt()
+                );
+                // The mean is known to a quarter of a frame's error.
+                assert!((mean - truth).abs() < 0.75 * stated, "{mean} {truth} {stated}");
+                let off = found.iter().zip(&errors).filter(|(v, e)| (*v - truth).abs() > 2.0 * *e);
+                // Of 16 frames, 0.8 are expected.
+                assert!(off.count() <= 3, "{found:?} {truth} {errors:?}");
+            }
+        }
+    }
+}
+
+/// Of a step below four times the noise nothing is said, or why not.
+#[test]
+fn a_response_that_noise_hides_is_refused_with_the_reason() {
+    let values = through(60, 60, 5.0, 0.3, |f| gauss(0.5, f));
+    let noise = Normal::new(3000.0, 3200.0 / 4.5).unwrap();
+    let cfa = Cfa::parse("RGGB").unwrap();
+    let mut reasons = Vec::new();
+    for seed in 0..8 {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let noisy: Vec<f64> = values.iter().map(|v| v + noise.sample(&mut rng)).collect();
+        let image = frame(60, 60, &noisy);
+        if let Err(e) = measure(&image, &cfa, 'R', whole(&image), None, None) {
+            reasons.push(e.to_string());
+        }
+    }
+    assert!(reasons.iter().any(|r| r.contains("noise") || r.contains("edge")), "{reasons:?}");
+}

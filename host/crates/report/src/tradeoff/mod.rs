@@ -100,6 +100,7 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
         FIGURES.iter().filter(|figure| compared.differs(figure) == Some(true)).collect();
     let ranked: Vec<&Figure> =
         differ.iter().copied().filter(|f| f.less_is_better.is_some()).collect();
+    without_mtf50(&mut page, records);
     optimum(&mut page, &compared, &ranked, chosen.as_ref());
     comparison(&mut page, &compared, &differ, &ranked, chosen.as_ref());
     light(&mut page, &settings, &compared);
@@ -113,6 +114,33 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
         false => page.folded(&words, |page| all(page, &compared)),
     };
     page
+}
+
+/// Most reasons that are told.
+const MAX_REASONS: usize = 3;
+
+/// Why pictures have no MTF50, the most frequent reasons first.
+fn without_mtf50(page: &mut Page, records: &[Value]) {
+    let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
+    let channels = records.iter().filter_map(|r| r["channels"].as_object());
+    for reason in channels.flat_map(|c| c.values()).filter_map(|c| c["mtf50_missing"].as_str()) {
+        *reasons.entry(reason).or_default() += 1;
+    }
+    let all: usize = reasons.values().sum();
+    if all == 0 {
+        return;
+    }
+    let mut sorted: Vec<(&str, usize)> = reasons.into_iter().collect();
+    sorted.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    let told =
+        sorted.iter().take(MAX_REASONS).map(|(reason, count)| format!("{reason} ({count})"));
+    let told: Vec<String> = told.collect();
+    let more = if sorted.len() > MAX_REASONS { "; the others are in figures.csv" } else { "" };
+    page.note(&format!(
+        "MTF50 is not determined in {}: {}{more}.",
+        counted(all, "channel"),
+        told.join("; ")
+    ));
 }
 
 /// Cards: the optimum with the condition it was chosen by, and where single figures are best.

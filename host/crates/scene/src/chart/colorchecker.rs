@@ -5,6 +5,11 @@
 //! ground (0.18). The card is 0.8 sensor widths wide unless `width=` says otherwise, and centred.
 //! Where a camera sees beyond the patches' data the chart is dark, or held at their ends with
 //! `beyond=hold`.
+//!
+//! `colorchecker` has averages of measurements of 30 charts (D. Pascale, The ColorChecker,
+//! babelcolor.com, 2012), 380 to 730 nm. Under D50 they lie 0.8 CIEDE2000 in the mean, 1.5 at most
+//! from the values that X-Rite publishes for charts made after November 2014.
+//! `colorchecker-isetcam` is one chart as ISETCam has it, 380 to 1068 nm: 3 in the mean.
 
 use super::{BANDS, Options};
 use crate::Beyond;
@@ -13,11 +18,29 @@ use crate::shape::Shape;
 use camrig_base::table::{SpectralTable, built_in};
 use camrig_base::{Bands, Result, Spectrum};
 
-/// Patch names and reflectances in chart order, row by row: 1 dark skin ... 24 black; 380 to 1068
+/// Patch names and reflectances in chart order, row by row: 1 dark skin ... 24 black; 380 to 730
 /// nm.
 pub fn reflectances() -> SpectralTable {
-    built_in(include_str!("../data/colorchecker.csv"))
+    built_in(AVERAGES)
 }
+
+/// The same of the chart of ISETCam, 380 to 1068 nm.
+pub fn isetcam_reflectances() -> SpectralTable {
+    built_in(ISETCAM)
+}
+
+/// The table of a chart as a file, with its source in the first line; `None` where no chart of
+/// patches has the name.
+pub fn file(name: &str) -> Option<&'static str> {
+    match name {
+        "colorchecker" => Some(AVERAGES),
+        "colorchecker-isetcam" => Some(ISETCAM),
+        _ => None,
+    }
+}
+
+const AVERAGES: &str = include_str!("../data/colorchecker.csv");
+const ISETCAM: &str = include_str!("../data/colorchecker-isetcam.csv");
 
 /// Columns of patches.
 pub const COLUMNS: usize = 6;
@@ -47,12 +70,15 @@ pub fn patch(index: usize, card_width: f64) -> [f64; 3] {
 /// # Errors
 /// None: the built-in table is complete.
 pub fn chart(bands: Bands, width: f64) -> Result<Painting> {
+    painted(&reflectances(), bands, width)
+}
+
+fn painted(table: &SpectralTable, bands: Bands, width: f64) -> Result<Painting> {
     let mut painting = Painting::new(bands, &Spectrum::constant(GROUND));
     let card = painting.material(&Spectrum::constant(CARD));
     let height = width * (ROWS as f64 + 2.0 * BORDER) / (COLUMNS as f64 + 2.0 * BORDER);
     let outline = Shape::Rect { left: -width / 2.0, top: -height / 2.0, width, height };
     painting.lay(outline, card, Painting::GROUND);
-    let table = reflectances();
     for index in 0..table.curves.len() {
         let material = painting.material(&table.spectrum(index)?);
         let [left, top, edge] = patch(index, width);
@@ -61,10 +87,10 @@ pub fn chart(bands: Bands, width: f64) -> Result<Painting> {
     Ok(painting)
 }
 
-pub(super) fn from_options(options: &mut Options) -> Result<Painting> {
+pub(super) fn from_options(options: &mut Options, table: &SpectralTable) -> Result<Painting> {
     let width = width(options)?;
     let beyond = Beyond::parse(options.word("beyond", &Beyond::NAMES)?).unwrap_or_default();
-    Ok(chart(BANDS, width)?.with_beyond(beyond))
+    Ok(painted(table, BANDS, width)?.with_beyond(beyond))
 }
 
 /// Width of the card, sensor widths.
@@ -77,56 +103,63 @@ mod tests {
     use super::*;
     use crate::{Grid, Scene};
     use camrig_light::Illuminant;
-    use camrig_light::photometry::{chromaticity, xyz};
+    use camrig_light::delta_e::{delta_e_2000, lab};
+    use camrig_light::photometry::xyz;
 
-    /// Every patch is nearest to the published colour of its own name (xyY under D50, average of
-    /// 30 charts, D. Pascale, babelcolor.com), so none is out of order.
-    #[test]
-    fn patches_have_the_colours_of_their_names() {
+    /// CIEDE2000 of each patch under D50 from the maker's values.
+    fn off(table: &SpectralTable) -> Vec<f64> {
         let light = Illuminant::parse("D50").unwrap().power;
-        let table = reflectances();
-        assert_eq!(table.curves.len(), 24);
-        for (index, (name, _)) in table.curves.iter().enumerate() {
+        let nm: Vec<f64> = (360..=830).map(f64::from).collect();
+        let patch = |index: usize| {
             let curve = table.spectrum(index).unwrap();
-            let nm: Vec<f64> = (360..=830).map(f64::from).collect();
             let lit = nm.iter().map(|&w| curve.at(w) * light.at(w)).collect();
-            let lit = Spectrum::new(nm, lit).unwrap();
-            let luminance = xyz(&lit)[1] / xyz(&light)[1];
-            let [x, y] = chromaticity(&lit);
-            let distance = |published: &[f64; 3]| {
-                (x - published[0]).hypot(y - published[1]).hypot(luminance - published[2] / 100.0)
-            };
-            let distances: Vec<f64> = PUBLISHED_XYY_D50.iter().map(distance).collect();
-            let nearest = (0..24).min_by(|&a, &b| distances[a].total_cmp(&distances[b]));
-            assert_eq!(nearest, Some(index), "{name}");
-        }
+            xyz(&Spectrum::new(nm.clone(), lit).unwrap())
+        };
+        let found = (0..24).map(|index| lab(patch(index), xyz(&light)));
+        found.zip(PUBLISHED_LAB_D50).map(|(a, b)| delta_e_2000(a, b)).collect()
     }
 
-    const PUBLISHED_XYY_D50: [[f64; 3]; 24] = [
-        [0.4325, 0.3788, 10.34],
-        [0.4191, 0.3748, 35.25],
-        [0.2761, 0.3004, 18.47],
-        [0.3700, 0.4501, 13.35],
-        [0.3020, 0.2877, 23.24],
-        [0.2856, 0.3910, 41.74],
-        [0.5291, 0.4075, 31.17],
-        [0.2339, 0.2155, 11.40],
-        [0.5008, 0.3293, 19.79],
-        [0.3326, 0.2556, 6.44],
-        [0.3989, 0.4998, 44.35],
-        [0.4962, 0.4428, 43.58],
-        [0.2040, 0.1696, 5.79],
-        [0.3270, 0.5033, 23.07],
-        [0.5709, 0.3298, 12.68],
-        [0.4694, 0.4732, 60.81],
-        [0.4177, 0.2704, 20.07],
-        [0.2151, 0.3037, 19.03],
-        [0.3488, 0.3628, 91.29],
-        [0.3451, 0.3596, 58.85],
-        [0.3446, 0.3590, 35.95],
-        [0.3438, 0.3589, 19.12],
-        [0.3423, 0.3576, 8.93],
-        [0.3439, 0.3565, 3.20],
+    /// The figures that the head of this file states, as another program computes them with the
+    /// D50 of ISO 13655 (colour-science 0.4.7: 0.804 and 1.488).
+    #[test]
+    fn patches_are_those_that_the_maker_publishes() {
+        let figures = |off: Vec<f64>| {
+            (off.iter().sum::<f64>() / 24.0, off.iter().copied().fold(0.0, f64::max))
+        };
+        let (mean, max) = figures(off(&reflectances()));
+        assert!((mean - 0.804).abs() < 0.04 && (max - 1.488).abs() < 0.08, "{mean} {max}");
+        let (mean, _) = figures(off(&isetcam_reflectances()));
+        assert!((2.5..3.5).contains(&mean), "{mean}");
+        let names = |t: SpectralTable| t.curves.into_iter().map(|c| c.0).collect::<Vec<_>>();
+        assert_eq!(names(reflectances()), names(isetcam_reflectances()));
+    }
+
+    /// CIE L*a*b* under D50 of charts made after November 2014 (X-Rite).
+    const PUBLISHED_LAB_D50: [[f64; 3]; 24] = [
+        [37.54, 14.37, 14.92],
+        [64.66, 19.27, 17.50],
+        [49.32, -3.82, -22.54],
+        [43.46, -12.74, 22.72],
+        [54.94, 9.61, -24.79],
+        [70.48, -32.26, -0.37],
+        [62.73, 35.83, 56.50],
+        [39.43, 10.75, -45.17],
+        [50.57, 48.64, 16.67],
+        [30.10, 22.54, -20.87],
+        [71.77, -24.13, 58.19],
+        [71.51, 18.24, 67.37],
+        [28.37, 15.42, -49.80],
+        [54.38, -39.72, 32.27],
+        [42.43, 51.05, 28.62],
+        [81.80, 2.67, 80.41],
+        [50.63, 51.28, -14.12],
+        [49.57, -29.71, -28.32],
+        [95.19, -1.03, 2.93],
+        [81.29, -0.57, 0.44],
+        [66.89, -0.75, -0.06],
+        [50.76, -0.13, 0.14],
+        [35.63, -0.46, -0.48],
+        [20.64, 0.07, -0.46],
     ];
 
     #[test]

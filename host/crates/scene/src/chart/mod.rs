@@ -17,9 +17,10 @@ use options::Options;
 /// The bands in which charts are given.
 pub const BANDS: Bands = Bands::VISIBLE;
 
-/// Names of the charts.
+/// Names of the charts; they are read without regard to case.
 pub const NAMES: &[&str] = &[
     "colorchecker",
+    "colorchecker-isetcam",
     "slanted-edge",
     "dots",
     "ramp",
@@ -41,8 +42,14 @@ pub type Told = (Box<dyn Scene>, Vec<String>);
 
 /// The chart of a name with what was understood of it, `None` where no chart has it.
 pub fn open_told(name: &str, options: &str) -> Option<Result<Told>> {
-    let open: fn(&mut Options) -> Result<Box<dyn Scene>> = match name {
-        "colorchecker" => |o| Ok(Box::new(colorchecker::from_options(o)?)),
+    let name = name.to_ascii_lowercase();
+    let open: fn(&mut Options) -> Result<Box<dyn Scene>> = match &*name {
+        "colorchecker" => {
+            |o| Ok(Box::new(colorchecker::from_options(o, &colorchecker::reflectances())?))
+        }
+        "colorchecker-isetcam" => {
+            |o| Ok(Box::new(colorchecker::from_options(o, &colorchecker::isetcam_reflectances())?))
+        }
         "slanted-edge" => |o| Ok(Box::new(slanted_edge::from_options(o)?)),
         "dots" => |o| Ok(Box::new(dots::from_options(o)?)),
         "ramp" => |o| Ok(Box::new(ramp::from_options(o)?)),
@@ -55,7 +62,7 @@ pub fn open_told(name: &str, options: &str) -> Option<Result<Told>> {
     };
     Some(Options::parse(options).and_then(|mut options| {
         let scene = open(&mut options)?;
-        let mut understood = vec![ABOUT.iter().find(|(n, _)| *n == name).map_or("", |(_, s)| s)];
+        let mut understood = vec![ABOUT.iter().find(|(n, _)| *n == &*name).map_or("", |(_, s)| s)];
         let used = options.used().join(",");
         if !used.is_empty() {
             understood.push(&used);
@@ -68,7 +75,8 @@ pub fn open_told(name: &str, options: &str) -> Option<Result<Told>> {
 
 /// What charts show.
 const ABOUT: &[(&str, &str)] = &[
-    ("colorchecker", "24 patches on their card, on a grey ground of 0.18"),
+    ("colorchecker", "24 patches, averages of 30 charts, on their card, on a grey ground of 0.18"),
+    ("colorchecker-isetcam", "the same with the reflectances of ISETCam, to 1068 nm"),
     ("slanted-edge", "an edge through the centre, dark left or above, bright right or below"),
     ("dots", "a square grid of dots over the whole plane"),
     ("ramp", "grey that rises linearly over the frame's width, or in steps"),
@@ -105,9 +113,11 @@ pub enum Geometry {
 pub fn geometry(spec: &str) -> Result<Option<Geometry>> {
     let (name, options) = spec.split_once(':').unwrap_or((spec, ""));
     let mut options = Options::parse(options)?;
-    Ok(Some(match name {
+    Ok(Some(match &*name.to_ascii_lowercase() {
         "slanted-edge" => slanted_edge::geometry(&mut options)?,
-        "colorchecker" => Geometry::Patches { card_width: colorchecker::width(&mut options)? },
+        "colorchecker" | "colorchecker-isetcam" => {
+            Geometry::Patches { card_width: colorchecker::width(&mut options)? }
+        }
         "dots" => Geometry::Dots(dots::from_options(&mut options)?),
         _ => return Ok(None),
     }))
