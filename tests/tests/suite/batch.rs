@@ -213,7 +213,7 @@ fn pixel_size_against_snr_and_mtf() {
         let index: u64 = row[place("index")].parse().unwrap();
         let file = format!("out/frames/{:03}/{index:06}.dng", index / 1000);
         let found = camrig_ok(dir, &format!("measure mtf {file} --roi 48,36,96,72 --json"));
-        let found: serde_json::Value = serde_json::from_str(&found).unwrap();
+        let found: serde_json::Value = serde_json::from_slice(&found.stdout).unwrap();
         let edges = found["edges"].as_array().unwrap();
         let edge = edges.iter().find(|e| e["channel"] == row[place("channel")]).unwrap();
         for name in ["mtf50_cycles_per_pixel", "mtf50_std_error"] {
