@@ -7,9 +7,11 @@
 //! `beyond=hold`.
 //!
 //! `colorchecker` has averages of measurements of 30 charts (D. Pascale, The ColorChecker,
-//! babelcolor.com, 2012), 380 to 730 nm. Under D50 they lie 0.8 CIEDE2000 in the mean, 1.5 at most
-//! from the values that X-Rite publishes for charts made after November 2014.
-//! `colorchecker-isetcam` is one chart as ISETCam has it, 380 to 1068 nm: 3 in the mean.
+//! babelcolor.com, 2012) from 380 to 730 nm. Under D50 they lie 0.8 CIEDE2000 in the mean, 1.5 at
+//! most from the values that X-Rite publishes for charts made after November 2014. Beyond 730 nm,
+//! to 1068 nm, each patch continues as that of ISETCam's chart, to which the difference fades out
+//! linearly up to 830 nm.
+//! `colorchecker-isetcam` is that chart alone, 3 in the mean from the maker's values.
 
 use super::{BANDS, Options};
 use crate::Beyond;
@@ -18,7 +20,7 @@ use crate::shape::Shape;
 use camrig_base::table::{SpectralTable, built_in};
 use camrig_base::{Bands, Result, Spectrum};
 
-/// Patch names and reflectances in chart order, row by row: 1 dark skin ... 24 black; 380 to 730
+/// Patch names and reflectances in chart order, row by row: 1 dark skin ... 24 black; 380 to 1068
 /// nm.
 pub fn reflectances() -> SpectralTable {
     built_in(AVERAGES)

@@ -76,7 +76,7 @@ pub fn open_told(name: &str, options: &str) -> Option<Result<Told>> {
 /// What charts show.
 const ABOUT: &[(&str, &str)] = &[
     ("colorchecker", "24 patches, averages of 30 charts, on their card, on a grey ground of 0.18"),
-    ("colorchecker-isetcam", "the same with the reflectances of ISETCam, to 1068 nm"),
+    ("colorchecker-isetcam", "the same with the reflectances of ISETCam's chart"),
     ("slanted-edge", "an edge through the centre, dark left or above, bright right or below"),
     ("dots", "a square grid of dots over the whole plane"),
     ("ramp", "grey that rises linearly over the frame's width, or in steps"),
