@@ -57,7 +57,7 @@ enum What {
         Counts all pairs of pixels, one of each patch, whose contrast lies within the tolerance of \
         that of\n\
         the patches, and gives beside it what means and noise predict.\n\n\
-        Examples:\n  camrig measure contrast chart.dng --bright 200,100,40,40 --dark 300,100,40,40")]
+        Examples:\n  camrig measure contrast a.dng --bright 60,20,20,20 --dark 20,20,20,20")]
     Contrast(frames::ContrastArgs),
     /// Row or column profile, compared with another frame, and relative illumination
     #[command(after_help = "Examples:\n  \
