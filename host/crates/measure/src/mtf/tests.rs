@@ -459,7 +459,10 @@ fn noise_does_not_pull_the_response() {
     const FRAMES: u64 = 16;
     for (pattern, letter) in [("mono", 'M'), ("RGGB", 'R'), ("RGGB", 'G')] {
         let cfa = Cfa::parse(pattern).unwrap();
+        // A channel of a Bayer pattern has a sample in each second or fourth pixel.
+        let larger = if pattern == "mono" { 1 } else { 2 };
         for (sigma, width, height) in [(0.5, 60, 80), (1.0, 100, 75)] {
+            let (width, height) = (larger * width, larger * height);
             let lens = |f: f64| gauss(sigma, f);
             let mut frequencies = (1..4000).map(|k| f64::from(k) / 4000.0);
             let truth = frequencies.find(|f| lens(*f) * sinc(*f) < 0.5).unwrap();
