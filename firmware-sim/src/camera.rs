@@ -4,14 +4,15 @@
 //! ```text
 //! u16  bytes of the configuration       u16 x 3  crosstalk columns, rows, wavelengths (0 without)
 //! ...  SensorConfig in postcard         f32 ...  x, y, wavelengths in nm, factors
-//!                                       f32 ...  tables of empirical effects, up to the end
+//! u8 x 3  photodiode, window, capture   f32 ...  tables of empirical effects, up to the end
 //! ```
-//! All numbers are little-endian. The bytes arrive in pieces; configuration and table each have
+//! All numbers are little-endian. Photodiode, window and capture stand there for the captures of a
+//! sensor that has several, where they are not all 0. The bytes arrive in pieces; configuration and table each have
 //! their own memory. Only the tables of empirical effects are stored twice, as the configuration
 //! takes them with it.
 
 use camrig_rig_link::message::Refusal;
-use camrig_sensor_core::config::SensorConfig;
+use camrig_sensor_core::config::{SensorConfig, Streams};
 use camrig_sensor_core::crosstalk::Crosstalk;
 
 /// Bytes of the four lengths at the front.
@@ -103,8 +104,13 @@ impl<'m> CameraStore<'m> {
             table_bytes.filter(|bytes| self.received >= HEAD_BYTES && bytes % 4 == 0);
         let words = table_bytes.ok_or(Refusal::BadCamera)? / 4;
         let bytes = self.config_bytes.get(..self.word16(0)).ok_or(Refusal::BadCamera)?;
-        let mut config: SensorConfig =
-            postcard::from_bytes(bytes).map_err(|_| Refusal::BadCamera)?;
+        let (mut config, streams): (SensorConfig, _) =
+            postcard::take_from_bytes(bytes).map_err(|_| Refusal::BadCamera)?;
+        config.streams = match *streams {
+            [] => Streams::default(),
+            [photodiode, window, capture] => Streams { photodiode, window, capture },
+            _ => return Err(Refusal::BadCamera),
+        };
         let size = self.table_size();
         let crosstalk =
             size.into_iter().fold(factors(config.channels, size), usize::saturating_add);
@@ -137,7 +143,13 @@ pub fn encode(
     out: &mut [u8],
 ) -> Option<usize> {
     let (head, rest) = out.split_at_mut_checked(HEAD_BYTES)?;
-    let config_bytes = postcard::to_slice(config, rest).ok()?.len();
+    let mut config_bytes = postcard::to_slice(config, rest).ok()?.len();
+    let Streams { photodiode, window, capture } = config.streams;
+    if config.streams != Streams::default() {
+        let streams = rest.get_mut(config_bytes..)?.first_chunk_mut()?;
+        *streams = [photodiode, window, capture];
+        config_bytes += streams.len();
+    }
     let mut rest = rest.get_mut(config_bytes..)?;
     let (mut sizes, mut table_bytes) = ([config_bytes, 0, 0, 0], 0);
     let mut tables: [&[f32]; 5] = [&[], &[], &[], &[], &config.table];

@@ -85,7 +85,7 @@ pub struct SensorConfig {
     pub seed: u64,
     /// The signal chain, in the order of the physics (see [`SensorConfig::check`]).
     pub effects: heapless::Vec<Effect, MAX_EFFECTS>,
-    /// Which capture of a pixel it is; no part of the camera on the link, which carries one.
+    /// Which capture of a pixel it is. On the link it follows the configuration.
     #[serde(skip)]
     pub streams: Streams,
     /// Tables of effects that have one ([`empirical`](crate::effects::empirical),

@@ -6,7 +6,7 @@ use super::scene_lights::NextLight;
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::hdr::{Hdr, HdrOutput};
 use camrig_camera::{Camera, Window};
-use camrig_exposure::hdr::{HdrSensor, Seen, Sent};
+use camrig_exposure::hdr::{HdrSensor, Sent};
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_formats::csi2;
 use camrig_light::Illuminant;
@@ -89,7 +89,7 @@ pub fn expose_frames(
     let subject = &Subject { camera, sensor, exposure_s, first, illuminant: white };
     let mut stage = match sensor {
         Sensor::One(sensor) => Stage::One(Box::new(opened(args, sensor)?), sensor),
-        Sensor::Several(sensor) => Stage::Several(several(args, sensor)?),
+        Sensor::Several(sensor) => Stage::Several(Box::new(several(args, sensor)?), sensor),
     };
     sink.set_camera(|| args.readout.figures(camera))?;
     let bar = arguments::frames_bar(args.count());
@@ -125,8 +125,9 @@ pub fn expose_frames(
                 let info = info(args, subject, camera, (light.of(0).cube, &settings))?;
                 sink.write(&args.readout.readout().of(frame)?, &info)?;
             }
-            Stage::Several(sensor) => {
-                several_frames(args, subject, sensor, (&light, &settings), sink)?
+            Stage::Several(stage, sensor) => {
+                let sensor = (stage.as_mut(), *sensor);
+                several_frames(args, subject, sensor, (&light, &settings), sink)?;
             }
         }
         taken += 1;
@@ -138,7 +139,7 @@ pub fn expose_frames(
 
 enum Stage<'a> {
     One(Box<SensorStage>, &'a SimulatedSensor),
-    Several(&'a HdrSensor),
+    Several(Box<SensorStage>, &'a HdrSensor),
 }
 
 /// When the captures of a camera collect light in a frame of this exposure.
@@ -158,6 +159,13 @@ struct Light<'a> {
     before: Option<&'a [IrradianceCube]>,
     /// Exposure of the frame before, s.
     previous_s: Option<f32>,
+}
+
+/// Irradiance that a capture sees.
+struct Seen<'a> {
+    cube: &'a IrradianceCube,
+    /// That of the frame before, if there was one.
+    before: Option<&'a IrradianceCube>,
 }
 
 impl<'a> Light<'a> {
@@ -181,15 +189,9 @@ fn opened(args: &FrameArgs, sensor: &SimulatedSensor) -> Result<SensorStage> {
     Ok(stage)
 }
 
-/// A sensor with several captures, where these options go with it.
-fn several<'a>(args: &FrameArgs, sensor: &'a HdrSensor) -> Result<&'a HdrSensor> {
+/// The stage of a sensor with several captures, each of which it takes as a camera of its own.
+fn several(args: &FrameArgs, sensor: &HdrSensor) -> Result<SensorStage> {
     let refused = |what: &str, help: &str| Err(Error::unsupported(what).help(help));
-    if args.rig.is_some() {
-        return refused(
-            "a rig for a sensor of several captures",
-            "omit --rig, or simulate one capture with --capture",
-        );
-    }
     if args.hdr.is_some() {
         return refused(
             "--hdr of a sensor of several captures",
@@ -202,7 +204,7 @@ fn several<'a>(args: &FrameArgs, sensor: &'a HdrSensor) -> Result<&'a HdrSensor>
             "omit --binning, or simulate one capture with --capture",
         );
     }
-    Ok(sensor)
+    opened(args, &sensor.captures()[0])
 }
 
 /// A frame of a sensor with one capture.
@@ -254,13 +256,17 @@ fn info(
 fn several_frames(
     args: &FrameArgs,
     subject: &Subject<'_>,
-    sensor: &HdrSensor,
+    (stage, sensor): (&mut SensorStage, &HdrSensor),
     (light, settings): (&Light<'_>, &FrameSettings),
     sink: &mut FrameSink,
 ) -> Result<()> {
     let mut own = *settings;
     own.previous_exposure_s = light.previous_s;
-    let frame = sensor.frame(|i| light.of(i), &own, args.arith)?;
+    let frame = sensor.frame(&own, |i, sensor, settings| {
+        let Seen { cube, before } = light.of(i);
+        stage.set_camera(sensor)?;
+        stage.frame(sensor, cube, before, settings)
+    })?;
     let (hdr, readout) = (sensor.hdr(), args.readout.readout());
     let mut merged = info(args, subject, subject.camera, (light.of(0).cube, settings))?;
     render::describe_merged(&mut merged, hdr, &subject.camera.sensor.cfa);

@@ -5,6 +5,7 @@ use camrig::camera::{Camera, presets};
 use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSensor};
 use camrig::rig::{FrameRequest, Rig};
 use camrig::scene::Bands;
+use camrig_sensor_core::config::Streams;
 use std::ops::Range;
 use std::path::Path;
 
@@ -42,7 +43,12 @@ pub fn camera(folder: &Path, i: usize) -> Camera {
     small += EFFECTS[i];
     let path = folder.join(format!("{name}-small.toml"));
     std::fs::write(&path, small).unwrap();
-    Camera::load(path.to_str().unwrap()).unwrap()
+    let mut camera = Camera::load(path.to_str().unwrap()).unwrap();
+    if i == 1 {
+        // As a capture of a sensor with several.
+        camera.sensor.streams = Streams { photodiode: 1, window: 2, capture: 3 };
+    }
+    camera
 }
 
 /// Irradiance from dark to about full well, different in every band and pixel: all groups are of

@@ -107,6 +107,29 @@ fn wide_samples_and_channels_are_the_same_in_every_format() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("--virtual-channel"));
 }
 
+/// A rig takes the captures one after the other, and one of them alone.
+#[test]
+fn a_rig_gives_the_codes_of_this_process() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("c.toml"), hdr::camera("split4", SIZE, "companded"))
+        .unwrap();
+    for arith in ["f32", "fixed"] {
+        for capture in ["", "--capture small"] {
+            let made = |file: &str, where_to: &str| {
+                camrig_ok(
+                    folder.path(),
+                    &format!(
+                        "simulate --camera c.toml --scene colorchecker --lux 30000 \
+                         --exposure 11.264ms {capture} --arith {arith} {where_to} -o {file} --force"
+                    ),
+                );
+                std::fs::read(folder.path().join(file)).unwrap()
+            };
+            assert!(made("here.npy", "") == made("there.npy", "--rig emulator:"), "{capture}");
+        }
+    }
+}
+
 /// A window of 11 µs sees a lamp of 100 Hz that is on for a tenth of the time at ten times its
 /// mean, or not at all; one of 11 ms sees a pulse either way.
 #[test]
@@ -178,7 +201,6 @@ fn what_does_not_go_with_several_captures_is_refused() {
     };
     let scene = "--camera c.toml --scene colorchecker --exposure 11.264ms -o a.npy";
     for (arguments, words) in [
-        (format!("simulate {scene} --rig emulator:"), "--capture"),
         (format!("simulate {scene} --hdr rows:4"), "[sensor.hdr]"),
         (format!("simulate {scene} --binning 2x2"), "--binning"),
         (scene_of("a.dng"), "more than 16 bits"),

@@ -1,7 +1,7 @@
 //! Frames of a sensor that reads each pixel several times.
 
-use super::sensor::{Arithmetic, FrameOptions, SimulatedSensor};
-use super::{CubeHeader, IrradianceCube};
+use super::CubeHeader;
+use super::sensor::SimulatedSensor;
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_camera::hdr::{Hdr, HdrOutput};
@@ -14,15 +14,6 @@ use rayon::prelude::*;
 pub struct HdrSensor {
     sensors: Vec<SimulatedSensor>,
     hdr: Hdr,
-}
-
-/// Light that a capture sees.
-#[derive(Clone, Copy)]
-pub struct Seen<'a> {
-    /// Irradiance, mean over its window.
-    pub cube: &'a IrradianceCube,
-    /// That of the frame before, if there was one.
-    pub before: Option<&'a IrradianceCube>,
 }
 
 /// One exposure of an [`HdrSensor`].
@@ -62,24 +53,20 @@ impl HdrSensor {
         &self.sensors
     }
 
-    /// One frame, of the light that `seen` says for each capture: the mean over its window.
+    /// One frame: `take` exposes the sensor of a capture, whose position it gets, with settings of
+    /// its own; here ([`SimulatedSensor::frame_with`]) or on a rig.
     ///
     /// # Errors
-    /// Windows of a photodiode that overlap at this exposure; settings out of range; irradiance
-    /// that cannot be read.
-    pub fn frame<'a>(
+    /// Windows of a photodiode that overlap at this exposure; those of `take`.
+    pub fn frame(
         &self,
-        seen: impl Fn(usize) -> Seen<'a>,
         settings: &FrameSettings,
-        arithmetic: Arithmetic,
+        mut take: impl FnMut(usize, &SimulatedSensor, &FrameSettings) -> Result<RawFrame>,
     ) -> Result<HdrFrame> {
         self.hdr.check_exposure(settings.exposure_s.into())?;
         let captures = self.sensors.iter().zip(&self.hdr.captures).enumerate();
-        let captures = captures.map(|(i, (sensor, capture))| {
-            let Seen { cube, before } = seen(i);
-            let options = FrameOptions { before, arithmetic };
-            sensor.frame_with(cube, &self.hdr.settings(capture, settings), options)
-        });
+        let captures = captures
+            .map(|(i, (sensor, capture))| take(i, sensor, &self.hdr.settings(capture, settings)));
         let captures = captures.collect::<Result<Vec<RawFrame>>>()?;
         let linear = self.merged(&captures);
         Ok(HdrFrame { captures, linear })

@@ -1,8 +1,8 @@
 //! Frames of HDR sensors against the figures of `golden/hdr`.
 
-use super::{HdrSensor, Seen};
+use super::HdrSensor;
 use crate::rows::{Vector, rows};
-use crate::{Arithmetic, CubeHeader, IrradianceCube};
+use crate::{CubeHeader, IrradianceCube};
 use camrig_camera::hdr::Hdr;
 use camrig_camera::{Camera, Change};
 use camrig_sensor_core::arith::{Arith, Block, Fixed, Float};
@@ -193,8 +193,7 @@ fn flat(camera: &Camera, exposure_s: f64, mu: f64, frame: u32) -> super::HdrFram
     let per_s = camera.of_capture(0).unwrap().sensor.response(&band)[0][0];
     let sensor = HdrSensor::in_light(camera, &cube.header, mu / (per_s * exposure_s)).unwrap();
     let settings = FrameSettings::new(exposure_s as f32).with_frame(frame);
-    let seen = |_| Seen { cube: &cube, before: None };
-    sensor.frame(seen, &settings, Arithmetic::F32).unwrap()
+    sensor.frame(&settings, |_, sensor, own| sensor.frame(&cube, own)).unwrap()
 }
 
 fn mean_and_deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
@@ -306,7 +305,6 @@ fn a_sensor_of_several_captures_is_not_read_as_one() {
     let overlapping = HdrSensor::in_light(&camera, &header(&camera), 1.0).unwrap();
     let cube = IrradianceCube::uniform(header(&camera), &[1.0]).unwrap();
     let long = FrameSettings::new(0.03);
-    let seen = |_| Seen { cube: &cube, before: None };
-    let e = overlapping.frame(seen, &long, Arithmetic::F32).err().unwrap();
+    let e = overlapping.frame(&long, |_, sensor, own| sensor.frame(&cube, own)).err().unwrap();
     assert!(e.to_string().contains("overlap"), "{e}");
 }

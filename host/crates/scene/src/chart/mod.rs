@@ -3,6 +3,7 @@
 pub mod checkerboard;
 pub mod colorchecker;
 pub mod dots;
+mod night_road;
 mod options;
 pub mod ramp;
 pub mod resolution;
@@ -29,6 +30,7 @@ pub const NAMES: &[&str] = &[
     "resolution",
     "point",
     "bright-spot",
+    "night-road",
 ];
 
 /// The chart that a scene's name (`NAME[:OPTIONS]`) names; `None` where no chart has it.
@@ -58,6 +60,7 @@ pub fn open_told(name: &str, options: &str) -> Option<Result<Told>> {
         "resolution" => |_| Ok(Box::new(resolution::chart())),
         "point" => |o| Ok(Box::new(spot::point(o)?)),
         "bright-spot" => |o| Ok(Box::new(spot::bright_spot(o)?)),
+        "night-road" => |o| Ok(Box::new(night_road::from_options(o)?)),
         _ => return None,
     };
     Some(Options::parse(options).and_then(|mut options| {
@@ -85,6 +88,7 @@ const ABOUT: &[(&str, &str)] = &[
     ("resolution", "elements of ISO 12233, 0.04 on 0.8, for frames from 4:3 to 16:9"),
     ("point", "a disc of size sensor widths; a level above 1 is a light source"),
     ("bright-spot", "a disc of size sensor widths; a level above 1 is a light source"),
+    ("night-road", "a pedestrian beside a road, headlights and a sign, for a scene of 1 lx"),
 ];
 
 /// Where the targets of a chart lie, for measurements.

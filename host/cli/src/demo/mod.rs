@@ -1,5 +1,7 @@
 //! `camrig demo`: the main workflow on built-in data.
 
+mod hdr;
+
 use super::arguments;
 use camrig_base::Result;
 use camrig_base::output::OutputDir;
@@ -11,19 +13,30 @@ use camrig_render::{self as render, SceneLight, SimulatedSensor};
 use camrig_report::page::{Page, Table};
 use camrig_report::simulation;
 use camrig_rig::{FrameRequest, Rig};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Simulate a ColorChecker in D65 with built-in data: raw files, pictures and a report
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:\n  camrig demo -o demo && open demo/report.html")]
+#[command(after_help = "Examples:\n  camrig demo -o demo && open demo/report.html
+  camrig demo hdr && open camrig-demo-hdr/report.html")]
 pub struct Args {
-    /// Directory for the results
-    #[arg(short, long, default_value = "camrig-demo", value_name = "DIR")]
-    output: PathBuf,
+    /// Which demo [default: the main workflow]
+    #[arg(value_enum)]
+    demo: Option<Demo>,
+    /// Directory for the results [default: camrig-demo, or camrig-demo-hdr]
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
     /// Replace an existing demo
     #[arg(long)]
     force: bool,
+}
+
+/// A demo beside that of the main workflow.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Demo {
+    /// A road at night, headlights and a pulsed sign, seen by a sensor with four captures.
+    Hdr,
 }
 
 const CAMERA: &str = "mt9t012";
@@ -34,7 +47,15 @@ const SHOTS: [(f64, f64); 2] = [(300.0, 0.040), (10.0, 0.120)];
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    let directory = OutputDir::create(&args.output, args.force)?;
+    let folder = |name: &str| args.output.clone().unwrap_or_else(|| PathBuf::from(name));
+    match args.demo {
+        Some(Demo::Hdr) => hdr::run(&folder("camrig-demo-hdr"), args.force),
+        None => main_workflow(&folder("camrig-demo"), args.force),
+    }
+}
+
+fn main_workflow(output: &Path, force: bool) -> Result<ExitCode> {
+    let directory = OutputDir::create(output, force)?;
     let camera = Camera::load(CAMERA)?;
     let light = Illuminant::parse("D65")?;
     let base_lux = SHOTS[0].0;
@@ -76,7 +97,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     directory.write("report.html", page.html().as_bytes())?;
     directory.write("camera.toml", camera.text.as_bytes())?;
     directory.finish()?;
-    eprintln!("wrote {}", args.output.join("report.html").display());
+    eprintln!("wrote {}", output.join("report.html").display());
     if !same {
         eprintln!("the rig's frames differ from those of the sensor stage in this process");
     }
