@@ -29,7 +29,7 @@ pub fn section(page: &mut Page, shown: &Maps<'_>) -> Result<()> {
     page.heading("Measured and model");
     let (half, outcome) = (&shown.diagnosis.measured.holdout, &shown.diagnosis.outcome);
     let models = [&outcome.before, &outcome.after];
-    page.small_multiples(|page| {
+    page.grid(|page| {
         for plot in curves(half, models) {
             page.plot(&plot);
         }
