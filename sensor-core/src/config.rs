@@ -2,8 +2,8 @@
 //! frame.
 
 use crate::arith::MAX_SIGNAL_E;
+pub use crate::at_gain::AtGain;
 use crate::effects::{Class, Domain, Effect, Entry, MAX_PARAMETERS, MAX_TABLE, Needs, Parameter};
-use crate::math;
 use core::fmt;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -124,38 +124,6 @@ pub struct FrameSettings {
     /// that of this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub previous_exposure_s: Option<f32>,
-}
-
-/// What a sensor is at one gain: [`SensorConfig::at_gain`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct AtGain {
-    /// The analogue part of the gain.
-    pub analog_gain: f32,
-    /// What codes are multiplied by.
-    pub digital_gain: f32,
-    /// DN of the converter per input-referred electron.
-    pub dn_per_e: f32,
-    /// DN of no signal.
-    pub black_level_dn: f32,
-    /// Read noise, e⁻, where a gain table gives it.
-    pub read_e: Option<f32>,
-    /// Charge that the node holds, e⁻, where a gain table gives it.
-    pub well_e: Option<f32>,
-}
-
-impl AtGain {
-    /// Most places of a gain table.
-    pub const MAX_PLACES: usize = 16;
-    /// Numbers of a place.
-    pub const PLACE: usize = 5;
-
-    /// The code after the digital gain.
-    pub(crate) fn multiplied(&self, dn: u16, max_dn: u16) -> u16 {
-        let black = self.black_level_dn;
-        let dn = (f32::from(dn) - black) * self.digital_gain + black;
-        math::round(dn.clamp(0.0, f32::from(max_dn))) as u16
-    }
 }
 
 /// Why a sensor, the settings of a frame or the memory for it were refused.

@@ -26,7 +26,7 @@ pub(crate) use context::beside;
 pub(crate) use declare::{catalogue, effect};
 
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
-use crate::config::AtGain;
+use crate::at_gain::AtGain;
 use crate::stream::{LANES, Lanes};
 use core::fmt;
 

@@ -85,6 +85,7 @@ extern crate std;
 pub use heapless;
 
 pub mod arith;
+mod at_gain;
 pub mod collect;
 pub mod config;
 pub mod crosstalk;

@@ -2,11 +2,11 @@
 
 use super::arguments::{FrameArgs, open_report, write_report};
 use super::live::{self, LiveFrames};
-use super::taking;
 use crate::stop::Stoppable;
 use camrig_base::output::{LiveOutput, OutputDir, OutputFile, write_file};
 use camrig_base::{ChannelMean, Error, RawFrame, Result};
 use camrig_camera::Camera;
+use camrig_camera::hdr::HdrOutput;
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_formats::mcap::CameraInfo;
 use camrig_formats::{DngInfo, Facts, Format, Frames, csi2, png, preview, wide};
@@ -109,6 +109,20 @@ pub struct Named<'a> {
     pub embedded: Vec<Vec<u8>>,
 }
 
+/// How many frames a camera sends of an exposure.
+fn per_exposure(camera: &Camera) -> u32 {
+    match &camera.sensor.hdr {
+        Some(hdr) if hdr.output == HdrOutput::Captures => hdr.captures.len() as u32,
+        _ => 1,
+    }
+}
+
+/// Whether what a camera sends has more than 16 bits.
+fn is_wide(camera: &Camera) -> bool {
+    let hdr = camera.sensor.hdr.as_ref();
+    hdr.is_some_and(|hdr| hdr.output == HdrOutput::Linear && hdr.linear_bits() > u16::BITS)
+}
+
 impl FrameArgs {
     /// The kind of file; `None` for a directory.
     fn kind(&self) -> Result<Option<Kind>> {
@@ -130,7 +144,7 @@ impl FrameArgs {
 
     /// Opens the output of a camera.
     pub fn sink(&self, camera: &Camera) -> Result<FrameSink> {
-        let per_exposure = taking::per_exposure(camera);
+        let per_exposure = per_exposure(camera);
         if self.bracket.iter().any(|ev| !(-32.0..=32.0).contains(ev)) {
             let help = "use steps of -32 to 32 EV, such as -2,0,2";
             return Err(Error::input("--bracket").help(help));
@@ -138,7 +152,7 @@ impl FrameArgs {
         let several = self.count() > 1 || per_exposure > 1;
         let (kind, live) = (self.kind()?, LiveOutput::is_stream(&self.output));
         let packets = kind == Some(Kind::Raw(Format::Csi2));
-        if let Some(Kind::Raw(format)) = kind.as_ref().filter(|_| taking::is_wide(camera)) {
+        if let Some(Kind::Raw(format)) = kind.as_ref().filter(|_| is_wide(camera)) {
             wide::check(format)?;
         }
         let (kind, place) = match kind {

@@ -4,7 +4,7 @@ use super::arguments::{self, FrameArgs};
 use super::frame_sink::{FrameSink, Named};
 use super::scene_lights::NextLight;
 use camrig_base::{Error, Plane, RawFrame, Result};
-use camrig_camera::hdr::{Hdr, HdrOutput};
+use camrig_camera::hdr::Hdr;
 use camrig_camera::{Camera, Window};
 use camrig_exposure::hdr::{HdrSensor, Sent};
 use camrig_exposure::{CubeHeader, IrradianceCube};
@@ -41,20 +41,6 @@ impl Sensor {
             Self::Several(sensor) => &sensor.captures()[0],
         }
     }
-}
-
-/// How many frames a camera sends of an exposure.
-pub fn per_exposure(camera: &Camera) -> u32 {
-    match &camera.sensor.hdr {
-        Some(hdr) if hdr.output == HdrOutput::Captures => hdr.captures.len() as u32,
-        _ => 1,
-    }
-}
-
-/// Whether what a camera sends has more than 16 bits.
-pub fn is_wide(camera: &Camera) -> bool {
-    let hdr = camera.sensor.hdr.as_ref();
-    hdr.is_some_and(|hdr| hdr.output == HdrOutput::Linear && hdr.linear_bits() > u16::BITS)
 }
 
 /// What frames are taken of, and how they are described.

@@ -1,7 +1,8 @@
 //! What a stage knows of the row that it works on, and its random streams.
 
 use crate::arith::{BLOCK, Counts};
-use crate::config::{AtGain, Pattern};
+use crate::at_gain::AtGain;
+use crate::config::Pattern;
 use crate::math;
 use crate::stream::{Key, Lanes};
 use rand_core::Rng;

@@ -2,7 +2,7 @@
 
 use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
-use crate::config::AtGain;
+use crate::at_gain::AtGain;
 use crate::math;
 
 effect! {

@@ -138,7 +138,7 @@ fn windows_see_pulsed_lamps_each_for_itself() {
     let mean = |lamp: &str| -> Vec<f64> {
         let timing = "--set sensor.timing.line_time_us=11 --set sensor.timing.shutter=global \
                       --set sensor.timing.frame_length_lines=3000";
-        let scene = format!("colorchecker --lux 100000 --exposure 11.264ms --noise none {timing}");
+        let scene = format!("colorchecker --lux 30000 --exposure 11.264ms --noise none {timing}");
         let captures = simulate(folder.path(), "captures", &format!("{scene} {lamp}"));
         let above_black = |frame: &Vec<u16>| {
             frame.iter().map(|dn| f64::from(*dn) - 64.0).sum::<f64>() / frame.len() as f64

@@ -115,10 +115,12 @@ fn several_frames_and_edges_in_one_call() {
     assert_eq!(edges.len(), 2);
     let (first, alone) = (&edges[0], &one["edges"][0]);
     assert_eq!((&first["frames"], &alone["frames"]), (&6.into(), &1.into()));
-    // The mean of six frames scatters by 0.41 of what one does.
+    // The mean of six frames scatters by 0.41 of what one does, and is never said to be worse known
+    // than one of them.
     let (error, spread) =
         (number(&first["mtf50_std_error"]), number(&first["mtf50_frame_spread"]));
-    assert!(error > 0.4 * spread && error < 0.6 * spread, "{error} {spread}");
+    let of_one = number(&alone["mtf50_std_error"]);
+    assert!(error > 0.4 * spread && error < of_one, "{error} {spread} {of_one}");
     assert!(alone["mtf50_frame_spread"].is_null());
     assert_eq!(first["direction"], "horizontal");
     // Above the centre, and below it.

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 const NIGHT: &str = "--camera ox03c10 --set sensor.width=640 --set sensor.height=400 \
                      --set sensor.timing.line_time_us=12.01 \
                      --set sensor.timing.frame_length_lines=2775 \
-                     --scene night-road --lux 1 --light D65 --exposure 8ms \
+                     --scene night-road --lux 1 --illuminant D65 --exposure 8ms \
                      --lamp pulse:hz=90,duty=0.1,phase=0.6,region=0.7,0.18,0.1,0.16";
 /// Share of the picture's range that a tenfold of light takes: six decades are seen.
 const PER_DECADE: f64 = 1.0 / 6.0;

@@ -22,7 +22,7 @@
 //! assert_eq!(curve.sample(&Bands::VISIBLE).len(), 31);
 //! assert!((curve.at(550.0) - 0.45).abs() < 1e-12);
 //!
-//! let frame = RawFrame {
+//! let frame: RawFrame = RawFrame {
 //!     width: 2,
 //!     height: 2,
 //!     bits: 10,

@@ -8,9 +8,11 @@ use camrig_captures::{CaptureSet, Role};
 
 /// Width of the windows of codes in which the step is counted.
 const WINDOW: usize = 32;
-/// Mean number of samples per code of a window in which codes are counted: of a code in use, even
-/// one with a third of its neighbours' width, chance leaves none only once in 20,000 codes.
-const MIN_DENSITY: f64 = 30.0;
+/// Samples of two codes in use from which on a code between them is in the table or not: of one
+/// with a third of its neighbours' width, chance leaves none only once in 20,000 codes.
+const MIN_SAMPLES: u64 = 30;
+/// Part of a window over which codes must be so dense for it to have a step.
+const MIN_COVERED: usize = WINDOW / 2;
 /// Smallest step that is one: converters lack single codes, but not every third.
 const MIN_STEP: f64 = 1.5;
 /// Windows with a step, without which there is none.
@@ -30,18 +32,24 @@ fn ranges(set: &CaptureSet, scans: &[Scan]) -> Vec<Range> {
         scans.iter().filter(|s| set.captures[s.capture].role == Role::Flat).collect();
     // The top code holds what is saturated.
     let top = usize::from(set.sensor.white_level_dn);
+    let codes = (0..top).map(|code| flats.iter().map(|s| s.codes[code]).sum::<u64>());
+    let codes: Vec<u64> = codes.collect();
+    let used: Vec<usize> = (0..top).filter(|code| codes[*code] > 0).collect();
+    let dense = |code: usize| codes[code] >= MIN_SAMPLES;
+    // Neighbours in use, both dense: how many pairs a window has, and how far apart together.
+    let mut windows = vec![(0usize, 0usize); top / WINDOW + 1];
+    for pair in used.windows(2).filter(|pair| dense(pair[0]) && dense(pair[1])) {
+        let (pairs, covered) = &mut windows[pair[0] / WINDOW];
+        *pairs += 1;
+        *covered += pair[1] - pair[0];
+    }
     let mut found: Vec<Range> = Vec::new();
     let mut wide = 0;
-    for from in (0..top.saturating_sub(WINDOW)).step_by(WINDOW) {
-        let counts =
-            (from..from + WINDOW).map(|code| flats.iter().map(|s| s.codes[code]).sum::<u64>());
-        let counts: Vec<u64> = counts.collect();
-        if (counts.iter().sum::<u64>() as f64) < MIN_DENSITY * WINDOW as f64 {
+    for (i, (pairs, covered)) in windows.into_iter().enumerate() {
+        if covered < MIN_COVERED {
             continue;
         }
-        let used = counts.iter().filter(|n| **n > 0).count();
-        let step = WINDOW as f64 / used as f64;
-        // The window's ends cut off part of a step.
+        let (from, step) = (i * WINDOW, covered as f64 / pairs as f64);
         let step = if step < MIN_STEP { 1.0 } else { step.round() };
         wide += usize::from(step > 1.0);
         match found.last_mut().filter(|last| last.step == step) {
