@@ -60,11 +60,8 @@ impl GainTable {
             Some(i) => (at(i), at(i)),
             None => (at(0), at(0)),
         };
-        let part = if second > first {
-            math::ln(gain / first) / math::ln(second / first)
-        } else {
-            0.0
-        };
+        let part =
+            if second > first { math::ln(gain / first) / math::ln(second / first) } else { 0.0 };
         core::array::from_fn(|column| {
             let (a, b) = (a[column], b[column]);
             if part > 0.0 && a > 0.0 && b > 0.0 {

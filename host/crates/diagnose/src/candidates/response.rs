@@ -134,12 +134,12 @@ fn black_level_over_temperature(
     if !(spread > 0.0) || points.iter().all(|p| (p.0 - points[0].0).abs() < MIN_KELVINS) {
         return None;
     }
-    let slope = Value::new(sum(&|k, y| (k - t) * y) / spread, spread.powf(-0.5));
+    let slope = Value::new(sum(&|k, y| (k - t) * y) / spread, 1.0 / spread.sqrt());
     let mut moved = present;
     moved.per_kelvin_dn += slope.value as f32;
     moved.offset_dn += (y - slope.value * t) as f32;
     let p = Proposal::new("black-level-offset", moved.into(), slope.z().abs());
-    let offset = Value::new(moved.offset_dn.into(), n.powf(-0.5));
+    let offset = Value::new(moved.offset_dn.into(), 1.0 / n.sqrt());
     let p = p.with("per_kelvin_dn", Value { value: moved.per_kelvin_dn.into(), ..slope });
     Some(p.with("reference_c", Value::chosen(moved.reference_c.into())).with("offset_dn", offset))
 }

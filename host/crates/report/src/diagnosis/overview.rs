@@ -78,6 +78,11 @@ fn of_target(page: &mut Page, id: &str, planes: [&Plane<f32>; 3]) {
     });
 }
 
+/// A statistic of a stack, the mean of its channels.
+type OfStack<'a> = dyn Fn(usize, fn(u8) -> What) -> Option<f64> + 'a;
+/// A point of a plot from a stack and its statistics.
+type Point<'a> = dyn Fn(usize, &Condition, &OfStack<'_>) -> Option<[f64; 2]> + 'a;
+
 /// Level and noise of the stacks, and what is in their frames.
 fn curves(half: &Half, models: [&Evaluation; 2]) -> Vec<Plot> {
     let level = |i: usize, of: &dyn Fn((Place, What)) -> Option<f64>, what: fn(u8) -> What| {
@@ -88,11 +93,7 @@ fn curves(half: &Half, models: [&Evaluation; 2]) -> Vec<Plot> {
     let over = |title: &str,
                 [x, y]: [&str; 2],
                 pick: &dyn Fn(&Condition) -> bool,
-                points: &dyn Fn(
-        usize,
-        &Condition,
-        &dyn Fn(usize, fn(u8) -> What) -> Option<f64>,
-    ) -> Option<[f64; 2]>| {
+                points: &Point<'_>| {
         let mut plot = Plot::new(title, x, y);
         let all = |of: &dyn Fn((Place, What)) -> Option<f64>| -> Vec<[f64; 2]> {
             let stacks = half.design.conditions.iter().enumerate().filter(|(_, c)| pick(c));
