@@ -10,11 +10,12 @@ use clap::Parser;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// What is common to the commands. The sign's diodes pulse at 90 Hz, a tenth of the time.
+/// What is common to the commands: headlights of 3e5 cd/m², a sign of 15 000 whose diodes pulse at
+/// 90 Hz for a tenth of the time, a pedestrian of 0.3.
 const NIGHT: &str = "--camera ox03c10 --set sensor.width=640 --set sensor.height=400 \
                      --set sensor.timing.line_time_us=12.01 \
                      --set sensor.timing.frame_length_lines=2775 \
-                     --scene night-road --lux 1 --illuminant D65 --exposure 8ms \
+                     --scene night-road:headlights=3e5 --lux 3 --illuminant D65 --exposure 16ms \
                      --lamp pulse:hz=90,duty=0.1,phase=0.6,region=0.7,0.18,0.1,0.16";
 /// Share of the picture's range that a tenfold of light takes: six decades are seen.
 const PER_DECADE: f64 = 1.0 / 6.0;
@@ -41,9 +42,10 @@ pub fn run(folder: &Path, force: bool) -> Result<ExitCode> {
     directory.write("picture.png", &png::encode_rgb(&picture(&linear)?)?)?;
     directory.finish()?;
     eprintln!(
-        "wrote {}: report.html has the dynamic range; picture.png is the merged signal, its \
-         brightness logarithmic; captures has the four readings of each pixel, of which those of \
-         8 ms catch a pulse of the sign in some rows and the very short one in few",
+        "wrote {}: report.html has the dynamic range, picture.png the merged signal with its \
+         brightness logarithmic, captures the four readings of each pixel: those of 16 ms see the \
+         sign's pulses, the very short one misses them, so that the merged sign is dark where the \
+         others saturate",
         folder.display()
     );
     Ok(ExitCode::SUCCESS)
