@@ -155,6 +155,10 @@ impl FrameArgs {
         if let Some(Kind::Raw(format)) = kind.as_ref().filter(|_| is_wide(camera)) {
             wide::check(format)?;
         }
+        if self.report.is_some() && is_wide(camera) {
+            return Err(Error::unsupported("a page of samples of more than 16 bits")
+                .help("omit --report, or simulate with --set sensor.hdr.output=companded"));
+        }
         let (kind, place) = match kind {
             None => {
                 let directory = OutputDir::create(&self.output, self.force)?;

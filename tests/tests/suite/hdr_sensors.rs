@@ -107,6 +107,23 @@ fn wide_samples_and_channels_are_the_same_in_every_format() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("--virtual-channel"));
 }
 
+/// The page has the dynamic range, and no figures that hold for one capture alone.
+#[test]
+fn the_page_says_what_holds_for_merged_codes() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("c.toml"), hdr::camera("split4", SIZE, "companded"))
+        .unwrap();
+    let scene = "--camera c.toml --scene colorchecker --lux 300 --exposure 11.264ms";
+    camrig_ok(folder.path(), &format!("simulate {scene} -o a.dng --report a.html"));
+    let page = std::fs::read_to_string(folder.path().join("a.html")).unwrap();
+    assert!(page.contains("with an SNR nowhere below 25 dB") && page.contains("Saturated"));
+    assert!(!page.contains("Longest exposure") && !page.contains("SNR of the model"));
+    let linear = "--set sensor.hdr.output=linear -o a.npy --report b.html";
+    let output = camrig(folder.path(), &format!("simulate {scene} {linear}"));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("omit --report"), "{said}");
+}
+
 /// A rig takes the captures one after the other, and one of them alone.
 #[test]
 fn a_rig_gives_the_codes_of_this_process() {

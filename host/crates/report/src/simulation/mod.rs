@@ -36,7 +36,9 @@ pub fn page(
     let exposure = exposure_words(settings.exposure_s.into());
     page.kind("Simulation");
     page.subtitle(&format!("{}{light_words} · {exposure}", camera.name));
-    let noise = Noise::of(camera, settings.analog_gain.into());
+    // Of several captures one system gain and one noise say nothing.
+    let plain = camera.sensor.hdr.is_none();
+    let noise = plain.then(|| Noise::of(camera, settings.analog_gain.into()));
     let first_levels = frames.levels.first().map(|first| &first.levels);
     if let (Some(first), Some(levels)) = (&frames.first, first_levels) {
         pictures(&mut page, first);
@@ -44,14 +46,15 @@ pub fn page(
         let single = first.sides
             == [camera.sensor.width, camera.sensor.height].map(|n| n as usize)
             && levels.bits == u32::from(camera.sensor.bits);
-        let electrons = single.then_some(&noise);
-        page.key_figures(&key_figures(levels, electrons, settings.exposure_s.into()));
+        let electrons = noise.as_ref().filter(|_| single);
+        let exposure_s = plain.then_some(settings.exposure_s.into());
+        page.key_figures(&key_figures(levels, electrons, exposure_s));
         samples(&mut page, first, levels);
         table(&mut page, frames, electrons);
         others(&mut page, frames);
-        model(&mut page, camera, light, &noise, single.then_some(levels));
+        model(&mut page, camera, light, noise.as_ref(), single.then_some(levels));
     } else {
-        model(&mut page, camera, light, &noise, None);
+        model(&mut page, camera, light, noise.as_ref(), None);
     }
     hdr::section(&mut page, camera, settings);
     set_up(&mut page, camera, settings, made_of);
@@ -105,7 +108,9 @@ fn headroom(levels: &Levels) -> Option<f64> {
     (top > levels.black && top < white).then(|| libm::log2(room))
 }
 
-fn key_figures(levels: &Levels, noise: Option<&Noise>, exposure_s: f64) -> [KeyFigure; 4] {
+/// Figures of the levels; of a frame with an exposure also how much longer it may be. Codes on a
+/// curve do not rise with it.
+fn key_figures(levels: &Levels, noise: Option<&Noise>, exposure_s: Option<f64>) -> Vec<KeyFigure> {
     let (room, full) = (headroom(levels), levels.saturated());
     let dark = levels.quantile_of_all(1.0 - BRIGHTEST) <= levels.black;
     let head = match room {
@@ -129,6 +134,7 @@ fn key_figures(levels: &Levels, noise: Option<&Noise>, exposure_s: f64) -> [KeyF
         }
         _ => KeyFigure::new(&name, &amount(median, None, "DN")).below("above black"),
     };
+    let Some(exposure_s) = exposure_s else { return vec![saturated, signal] };
     let used = exposure_words(exposure_s);
     let longest = match room {
         Some(ev) => {
@@ -140,7 +146,7 @@ fn key_figures(levels: &Levels, noise: Option<&Noise>, exposure_s: f64) -> [KeyF
         None => KeyFigure::new("Longest exposure", &format!("below {used}"))
             .below("0.1 % or more is saturated"),
     };
-    [head, saturated, signal, longest]
+    vec![head, saturated, signal, longest]
 }
 
 fn samples(page: &mut Page, first: &First, levels: &Levels) {
@@ -217,12 +223,15 @@ fn model(
     page: &mut Page,
     camera: &Camera,
     light: Option<&Illuminant>,
-    noise: &Noise,
+    noise: Option<&Noise>,
     levels: Option<&Levels>,
 ) {
     page.heading("Model").grid(|page| {
-        page.plot(&model::response(camera, light)).plot(&model::noise(noise));
-        page.plot(&model::snr(noise, levels.map(|l| (l, brightest(l)))));
+        page.plot(&model::response(camera, light));
+        if let Some(noise) = noise {
+            page.plot(&model::noise(noise));
+            page.plot(&model::snr(noise, levels.map(|l| (l, brightest(l)))));
+        }
     });
 }
 
