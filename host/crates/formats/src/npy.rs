@@ -116,6 +116,12 @@ fn words<S: Dn>(bytes: &[u8], word: fn([u8; 2]) -> u16) -> Vec<S> {
     bytes.as_chunks().0.iter().map(|pair| dn(*pair)).collect()
 }
 
+/// Whether samples are of more than 16 bits.
+pub(super) fn is_wide(bytes: &[u8]) -> bool {
+    let layout = Layout::read(&mut &*bytes, bytes.len() as u64);
+    layout.is_ok_and(|layout| layout.sample.bytes() > 2)
+}
+
 /// Reads `.npy` bytes.
 ///
 /// # Errors

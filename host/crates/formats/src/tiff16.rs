@@ -58,6 +58,12 @@ fn write<S: Dn, K: TiffKind>(frames: &Frames<S>) -> std::result::Result<Vec<u8>,
     Ok(bytes.into_inner())
 }
 
+/// Whether samples of the first page are of more than 16 bits.
+pub(super) fn is_wide(bytes: &[u8]) -> bool {
+    let colour = Decoder::new(Cursor::new(bytes)).and_then(|mut file| file.colortype());
+    matches!(colour, Ok(tiff::ColorType::Gray(17..)))
+}
+
 /// Reads TIFF bytes.
 ///
 /// # Errors

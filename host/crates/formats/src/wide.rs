@@ -43,9 +43,9 @@ fn unsupported(format: &Format) -> Error {
 /// Those of the format's reader.
 pub fn decode(bytes: &[u8]) -> Result<Option<Frames<u32>>> {
     let frames: Frames<u32> = match Format::sniff(bytes) {
-        Some(Format::Npy) => npy::decode(bytes)?,
+        Some(Format::Npy) if npy::is_wide(bytes) => npy::decode(bytes)?,
         #[cfg(feature = "tiff")]
-        Some(Format::Tiff) => tiff16::decode(bytes)?,
+        Some(Format::Tiff) if tiff16::is_wide(bytes) => tiff16::decode(bytes)?,
         Some(Format::Csi2) if csi2::is_wide(bytes) => csi2::decode(bytes)?,
         _ => return Ok(None),
     };
