@@ -257,6 +257,11 @@ catalogue! {
     52 => gain_table::GainTable if "gain-table",
     53 => dark_current_telegraph_noise::DarkCurrentTelegraphNoise if "dark-current-telegraph-noise",
     54 => defective_columns::DefectiveColumns if "defective-columns",
+    55 => particle_hits::ParticleHits if "particle-hits",
+    56 => frame_offset_by_site::FrameOffsetBySite if "frame-offset-by-site",
+    57 => dark_current_by_site::DarkCurrentBySite if "dark-current-by-site",
+    58 => defective_areas::DefectiveAreas if "defective-areas",
+    59 => charge_transfer_inefficiency::ChargeTransferInefficiency if "charge-transfer-inefficiency",
 }
 
 impl Effect {

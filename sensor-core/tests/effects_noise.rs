@@ -21,7 +21,8 @@ in_both_arithmetics! {
     what_lags_is_charge_that_was_held crosstalk_of_the_frame_before_lags
     less_light_has_its_own_shot_noise much_light_has_the_law_of_poisson
     light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
-    amp_glow dark_current_gradient
+    amp_glow dark_current_gradient particle_hits tracks_cross_rows_and_columns frame_offset_by_site
+    dark_current_by_site charge_transfer_inefficiency
 }
 
 fn at(frame: u32) -> FrameSettings {
@@ -610,5 +611,150 @@ fn dark_current_gradient<A: Arith>() {
             let mu = rate * (1.0 - ((x as f64 + 0.5) / 32.0 - 1.0)) / 2.0;
             near("mean of a column", v, mu, (mu / 256.0).sqrt() + 1e-3);
         }
+    }
+}
+
+/// Charge of a frame: of n hits of charge Q, mean n ⟨Q⟩ and variance n ⟨Q²⟩.
+fn particle_hits<A: Arith>() {
+    let (a, d, w) = (60.0f64, 1.5f64, 0.1f64);
+    let effect = particle_hits::ParticleHits {
+        rate_per_mpx_s: 5000.0,
+        charge_e_per_px: a as f32,
+        depth_px: d as f32,
+        width: w as f32,
+    };
+    let config = monochrome(256, 256, &[effect.into()]);
+    let hits = 5000.0 * 256.0 * 256.0 / 1e6;
+    let take = |i| flat::<A>(&config, &at(i).with_exposure(1.0), 0.0).iter().sum::<f64>();
+    let frames: Vec<f64> = (0..60).map(take).collect();
+    let one = 1.0 + 1.270_36 * w;
+    let squares = 2.0 * (a * d).powi(2) * (one * one + 4.934_8 * w * w);
+    near("charge", mean(&frames), 4.0 / 3.0 * hits * a * d * one, (hits * squares / 60.0).sqrt());
+    near_variance("variance of frames", variance(&frames), hits * squares, 60, 0.0);
+    let none = flat::<A>(&config, &at(0).with_exposure(1e-9), 0.0);
+    assert!(none.iter().all(|v| *v == 0.0));
+}
+
+/// ⟨tan θ⟩ is π/4 and ⟨|sin φ|⟩ 2/π: tracks cross 1 + d/2 rows, and as many columns.
+fn tracks_cross_rows_and_columns<A: Arith>() {
+    let effect = particle_hits::ParticleHits {
+        rate_per_mpx_s: 100.0,
+        charge_e_per_px: 400.0,
+        depth_px: 4.0,
+        width: 0.0,
+    };
+    let config = monochrome(128, 128, &[effect.into()]);
+    let mut crossed = [0.0; 2];
+    for i in 0..400 {
+        let v = flat::<A>(&config, &at(i).with_exposure(0.2), 0.0);
+        let lit = |x: usize, y: usize| v[y * 128 + x] > 0.0;
+        crossed[0] += (0..128).filter(|y| (0..128).any(|x| lit(x, *y))).count() as f64;
+        crossed[1] += (0..128).filter(|x| (0..128).any(|y| lit(*x, y))).count() as f64;
+    }
+    let hits = 400.0 * 100.0 * 0.2 * 128.0 * 128.0 / 1e6;
+    // ⟨(1 + d tan θ |sin φ|)²⟩ = 1 + d + d²/2, and its Poisson number.
+    let error = (hits * (1.0f64 + 4.0 + 8.0)).sqrt();
+    near("rows", crossed[0], 3.0 * hits, error);
+    near("columns", crossed[1], 3.0 * hits, error);
+}
+
+fn frame_offset_by_site<A: Arith>() {
+    let phi = 0.6f64;
+    let effect = frame_offset_by_site::FrameOffsetBySite {
+        sigma_e: 25.0,
+        correlation: phi as f32,
+        gain_exponent: 0.0,
+    };
+    let config = monochrome(4, 4, &[effect.into()]);
+    let n = 3000;
+    let mut places = [const { Vec::new() }; 4];
+    for frame in 0..n {
+        let v = flat::<A>(&config, &at(frame), 0.0);
+        for (p, place) in places.iter_mut().enumerate() {
+            place.push(v[p / 2 * 4 + p % 2]);
+        }
+        assert!((0..16).all(|i| v[i] == v[i / 4 % 2 * 4 + i % 2]), "one offset per place");
+    }
+    let spread = (2.0 * (1.0 + phi * phi) / (1.0 - phi * phi) / f64::from(n)).sqrt();
+    for place in &places {
+        near("variance", variance(place), 625.0, 625.0 * spread);
+        let error = ((1.0 - phi * phi) / f64::from(n)).sqrt();
+        near("frames", correlation(&place[1..], &place[..place.len() - 1]), phi, error);
+    }
+    near("places", correlation(&places[0], &places[3]), 0.0, spread / 2f64.sqrt());
+}
+
+fn dark_current_by_site<A: Arith>() {
+    let rates = [1000.0f32, 4000.0, 0.0, 200_000.0];
+    let [plane_0_e_per_s, plane_1_e_per_s, plane_2_e_per_s, plane_3_e_per_s] = rates;
+    let effect = dark_current_by_site::DarkCurrentBySite {
+        plane_0_e_per_s,
+        plane_1_e_per_s,
+        plane_2_e_per_s,
+        plane_3_e_per_s,
+        doubling_c: 10.0,
+        reference_c: 15.0,
+    };
+    let config = monochrome(128, 128, &[effect.into()]);
+    let v = flat::<A>(&config, &at(0), 0.0);
+    for (p, rate) in rates.iter().enumerate() {
+        // Ten kelvins above the reference: twice as much, in 10 ms.
+        let mean_e = f64::from(*rate) * 0.01 * 2.0;
+        let own: Vec<f64> =
+            (0..64 * 64).map(|i| v[(i / 64 * 2 + p / 2) * 128 + i % 64 * 2 + p % 2]).collect();
+        let n = own.len();
+        near("mean", mean(&own), mean_e, (mean_e / n as f64).sqrt() + 1e-9);
+        // No charge has no rounding either.
+        let rounding = if *rate > 0.0 { ROUNDING } else { 0.0 };
+        near(
+            "variance",
+            variance(&own),
+            mean_e + rounding,
+            mean_e * (2.5 / n as f64).sqrt() + 1e-9,
+        );
+    }
+}
+
+/// A spot, and the covariance of the noise of a flat, far from the output.
+fn charge_transfer_inefficiency<A: Arith>() {
+    let (s, p) = (0.001f64, 0.003f64);
+    let cti = charge_transfer_inefficiency::ChargeTransferInefficiency {
+        serial: s as f32,
+        parallel: p as f32,
+    };
+    let lost = |e: f64, transfers: i32| 1.0 - (1.0 - e).powi(transfers);
+    let config = monochrome(128, 64, &[cti.into()]);
+    let (x, y) = (90, 40);
+    let spot = |sx: u32, sy: u32| if (sx, sy) == (x, y) { 6000.0 } else { 0.0 };
+    let v = electrons(&config, &SETTINGS, &frame::<A>(&config, &SETTINGS, &mut Means(spot)));
+    let of = |dx: u32, dy: u32| v[((y + dy) * 128 + x + dx) as usize];
+    let (across, down) = (lost(s, 91), lost(p, 41));
+    let (kept, trail) = ((1.0 - across) * (1.0 - down), across * (1.0 - down));
+    for (got, share) in [
+        (of(0, 0), kept),
+        (of(1, 0), trail),
+        (of(0, 1), (1.0 - across) * down),
+        (of(1, 1), across * down),
+    ] {
+        assert!((got - 6000.0 * share).abs() < 0.2, "{got}, expected {}", 6000.0 * share);
+    }
+    assert!((v.iter().sum::<f64>() - 6000.0).abs() < 0.5);
+    // Nothing is before the first pixel: a flat has its edge there.
+    let v = flat::<A>(&config, &SETTINGS, 1000.0);
+    assert!((v[0] - 1000.0 * (1.0 - s) * (1.0 - p)).abs() < 0.2);
+    let last = (1.0 - s * (1.0 - s).powi(127)) * (1.0 - p * (1.0 - p).powi(63));
+    assert!((v[64 * 128 - 1] - 1000.0 * last).abs() < 0.2);
+
+    let serial =
+        charge_transfer_inefficiency::ChargeTransferInefficiency { serial: 0.002, parallel: 0.0 };
+    let config = monochrome(128, 2048, &[shot_noise::ShotNoise {}.into(), serial.into()]);
+    let v = flat::<A>(&config, &SETTINGS, 1000.0);
+    let columns: Vec<Vec<f64>> =
+        (0..128).map(|x| v.iter().skip(x).step_by(128).copied().collect()).collect();
+    for x in [20, 60, 120] {
+        let own: Vec<f64> =
+            (x - 4..x + 4).map(|x| covariance(&columns[x], &columns[x + 1])).collect();
+        let l = lost(0.002, x as i32 + 1);
+        near("covariance", mean(&own), 1000.0 * l * (1.0 - l), 1000.0 / (8.0f64 * 2048.0).sqrt());
     }
 }

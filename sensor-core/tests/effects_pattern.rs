@@ -20,7 +20,8 @@ in_both_arithmetics! {
     colour_shading
     relative_illumination fringing adc_nonlinearity defective_pixels hot_pixels column_offset_fpn
     light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
-    system_gain quantum_efficiency stuck_pixels defective_columns
+    system_gain quantum_efficiency stuck_pixels defective_columns defective_areas
+    a_converter_that_truncates_is_half_a_code_low
 }
 
 /// Output over input for a ramp of `top` e⁻ over 1000 columns; `expected` maps input to output.
@@ -514,6 +515,64 @@ fn defective_columns<A: Arith>() {
     for y in 0..64 {
         let own: Vec<usize> = (0..512).filter(|x| weak(y, *x)).collect();
         assert_eq!(own, if y < 32 { Vec::new() } else { columns.clone() }, "row {y}");
+    }
+}
+
+/// Rows, a cluster that is hot, and both on one sensor.
+fn defective_areas<A: Arith>() {
+    let areas = |count, [width_px, height_px]: [f32; 2], gain, rate_e_per_s| {
+        let (doubling_c, reference_c) = (10.0, 15.0);
+        defective_areas::DefectiveAreas {
+            count,
+            width_px,
+            height_px,
+            gain,
+            rate_e_per_s,
+            doubling_c,
+            reference_c,
+        }
+        .into()
+    };
+    let rows =
+        flat::<A>(&monochrome(100, 64, &[areas(3.0, [0.0, 1.0], 0.5, 0.0)]), &SETTINGS, 800.0);
+    let level = |y: usize| rows[y * 100];
+    assert!(rows.chunks(100).all(|row| row.iter().all(|v| *v == row[0])), "whole rows");
+    let weak: f64 = (0..64).map(|y| (800.0 / level(y)).log2().round()).sum();
+    assert_eq!(weak, 3.0, "rows at half, or at a quarter where two meet");
+
+    let hot = monochrome(100, 64, &[areas(1.0, [5.0, 3.0], 0.25, 10_000.0)]);
+    // In 10 ms at ten kelvins above the reference: 200 e⁻ beside a quarter of the light.
+    let v = flat::<A>(&hot, &SETTINGS, 400.0);
+    let own: Vec<usize> = (0..v.len()).filter(|i| (v[*i] - 300.0).abs() < HALF).collect();
+    let (x, y) = (own[0] % 100, own[0] / 100);
+    let expected: Vec<usize> = (0..15).map(|i| (y + i / 5) * 100 + x + i % 5).collect();
+    assert_eq!(own, expected);
+    assert_eq!(v.iter().filter(|v| (**v - 400.0).abs() < HALF).count(), v.len() - 15);
+    let larger = areas(1.0, [500.0, 0.0], 0.5, 0.0);
+    let v = flat::<A>(&monochrome(100, 64, &[larger]), &SETTINGS, 800.0);
+    assert!(v.iter().all(|v| (*v - 400.0).abs() < HALF), "as large as the sensor at most");
+}
+
+/// Rounding half a code lower is the largest whole code below: of a ramp through several codes.
+fn a_converter_that_truncates_is_half_a_code_low<A: Arith>() {
+    let low = black_level_offset::BlackLevelOffset {
+        offset_dn: -0.5,
+        per_gain_dn: 0.0,
+        per_second_dn: 0.0,
+        plane_0_dn: 0.0,
+        plane_1_dn: 0.0,
+        plane_2_dn: 0.0,
+        plane_3_dn: 0.0,
+        per_kelvin_dn: 0.0,
+        reference_c: 25.0,
+    };
+    let config = monochrome(1000, 1, &[low.into()]);
+    // Between codes, so that neither arithmetic's own rounding decides.
+    let dn = |x: u32| f64::from(x) / 100.0 + 0.005;
+    let ramp = |x: u32, _| (dn(x) / DN_PER_E) as f32;
+    let codes = frame::<A>(&config, &SETTINGS, &mut Means(ramp));
+    for (x, code) in codes.iter().enumerate() {
+        assert_eq!(f64::from(*code), BLACK + dn(x as u32).floor(), "column {x}");
     }
 }
 

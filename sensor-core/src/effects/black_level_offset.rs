@@ -9,7 +9,8 @@ effect! {
     ///
     /// DN += b + b_G (G − 1) + b_t t + b_p + b_T (T − T_ref) before rounding, where G is the
     /// analogue gain, t the exposure, T the temperature, and p = 2 (y mod 2) + x mod 2 the colour
-    /// plane of a 2x2 pattern.
+    /// plane of a 2x2 pattern. A converter that truncates gives the largest code below the signal,
+    /// which is rounding half a code lower: b = −0.5 DN.
     ///
     /// Closed form: without light and noise every pixel reads b_0, the black level, and these terms,
     /// in DN, rounded.

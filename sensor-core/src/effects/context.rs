@@ -218,6 +218,23 @@ impl Context<'_> {
         unit(self.word(1, frame, column)) < duty
     }
 
+    /// A number of this frame from a first-order autoregression over the frames, of mean 0 and
+    /// variance 1: o_n = φ o_(n−1) + √(1−φ²) z_n. Any frame can be computed without the others: o_n
+    /// is the sum of the last frames' innovations until their weight falls below 0.001, which leaves
+    /// out its square, 1e-6, of the variance.
+    #[cfg(any(feature = "frame-offset-noise", feature = "frame-offset-by-site"))]
+    pub(crate) fn wandering(&self, part: u32, correlation: f32) -> f32 {
+        const MIN_WEIGHT: f32 = 1e-3;
+        let (mut sum, mut total, mut weight, mut frame) = (0.0, 0.0, 1.0, self.frame);
+        while weight > MIN_WEIGHT {
+            sum += weight * normal(&mut self.per_frame(part, frame));
+            total += weight * weight;
+            weight *= correlation;
+            frame = frame.wrapping_sub(1);
+        }
+        sum * math::rsqrt(total)
+    }
+
     /// Channel of the pixel in this column of this row.
     #[inline(always)]
     pub fn channel(&self, column: usize) -> usize {
@@ -253,6 +270,9 @@ pub(crate) fn unit(word: u32) -> f32 {
     // Its upper 24 bits, so that rounding cannot reach 1.
     ((word >> 8) as f32 + 0.5) * (1.0 / 16_777_216.0)
 }
+
+/// Above −ln u of the smallest number of [`unit`], 2⁻²⁵: 17.33.
+pub(crate) const MAX_EXPONENTIAL: f32 = 17.4;
 
 /// One standard normal number from a scalar stream.
 pub(crate) fn normal(rng: &mut impl Rng) -> f32 {

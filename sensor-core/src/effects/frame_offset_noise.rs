@@ -1,9 +1,7 @@
 //! Drift of the whole frame's offset.
 
-use super::context::normal;
 use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, Block};
-use crate::math;
 
 effect! {
     /// Frame offset noise: the offset of the whole frame wanders from frame to frame.
@@ -25,10 +23,6 @@ effect! {
     }
 }
 
-/// Weight below which an earlier frame's innovation is left out. That leaves out its
-/// square, 1e-6, of the variance.
-const MIN_WEIGHT: f32 = 1e-3;
-
 impl Stage for FrameOffsetNoise {
     #[inline(always)]
     fn apply<A: Arith>(
@@ -37,14 +31,7 @@ impl Stage for FrameOffsetNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let (mut sum, mut total, mut weight, mut frame) = (0.0, 0.0, 1.0, cx.frame);
-        while weight > MIN_WEIGHT {
-            sum += weight * normal(&mut cx.per_frame(0, frame));
-            total += weight * weight;
-            weight *= self.correlation;
-            frame = frame.wrapping_sub(1);
-        }
         let sigma_e = self.sigma_e * cx.power_of_gain(self.gain_exponent);
-        super::add_offset::<A>(row, sigma_e * sum * math::rsqrt(total));
+        super::add_offset::<A>(row, sigma_e * cx.wandering(0, self.correlation));
     }
 }

@@ -1,6 +1,6 @@
 //! Hot pixels.
 
-use super::context::unit;
+use super::context::{MAX_EXPONENTIAL, unit};
 use super::{Context, Inputs, Stage, effect};
 use crate::arith::{Arith, BLOCK, Block, EXPANSION_FROM_E};
 use crate::effects::dark_current::growth;
@@ -28,9 +28,6 @@ effect! {
     }
 }
 
-/// Above −ln u of the smallest uniform number, 2⁻²⁵ (`context::unit`): 17.33.
-const LARGEST_EXPONENTIAL: f32 = 17.4;
-
 impl Stage for HotPixels {
     #[inline(always)]
     fn apply<A: Arith>(
@@ -42,7 +39,7 @@ impl Stage for HotPixels {
         let scale =
             self.mean_e_per_s * cx.exposure_s * growth(cx, self.reference_c, self.doubling_c);
         let mut pattern = cx.per_pixel(0);
-        let mut counts = cx.counts(0, true, LARGEST_EXPONENTIAL * scale >= EXPANSION_FROM_E);
+        let mut counts = cx.counts(0, true, MAX_EXPONENTIAL * scale >= EXPANSION_FROM_E);
         for block in row {
             let chosen = super::chosen(&mut pattern, self.fraction);
             let words = super::words(&mut pattern);
