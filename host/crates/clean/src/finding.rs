@@ -22,6 +22,9 @@ pub struct Finding {
     /// The frames affected, where it affects particular ones.
     #[serde(default)]
     pub frames: Vec<usize>,
+    /// Where particles hit, at most [`MAX_PIXELS`].
+    #[serde(default)]
+    pub hits: Vec<Hit>,
     /// What it is.
     pub kind: Kind,
     /// Column and row of the pixels affected, at most [`MAX_PIXELS`].
@@ -40,7 +43,21 @@ pub struct Finding {
     pub place: String,
 }
 
-/// Most pixels that a finding lists.
+/// A particle hit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Hit {
+    /// Id of its capture.
+    pub capture: String,
+    /// Its charge over all pixels, DN.
+    pub charge_dn: f64,
+    /// Its frame.
+    pub frame: usize,
+    /// Column and row of its brightest pixel.
+    pub pixel: [usize; 2],
+}
+
+/// Most pixels and hits that a finding lists.
 pub const MAX_PIXELS: usize = 100;
 
 /// Expected number of events in a frame: `per_frame` + `per_s` × exposure.
@@ -127,6 +144,7 @@ impl Finding {
             description: String::new(),
             done,
             frames: Vec::new(),
+            hits: Vec::new(),
             kind,
             pixels: Vec::new(),
             rate: None,

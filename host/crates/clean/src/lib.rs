@@ -81,5 +81,5 @@ pub use camrig_captures as captures;
 pub use cleaned::Cleaned;
 pub use codes::Step;
 pub use curves::{CurveShape, FrameCurve};
-pub use finding::{Done, Finding, Kind, MAX_PIXELS, Rate};
+pub use finding::{Done, Finding, Hit, Kind, MAX_PIXELS, Rate};
 pub use options::Options;

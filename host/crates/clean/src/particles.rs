@@ -8,7 +8,7 @@
 
 use super::completeness::Completeness;
 use super::events::{Event, FALSE_EVENTS, Found};
-use super::finding::{Done, Finding, Kind, Rate, names};
+use super::finding::{Done, Finding, Hit, Kind, MAX_PIXELS, Rate, names};
 use super::scan::Scan;
 use super::transfer::Transfer;
 use camrig_base::numbers::counted;
@@ -126,7 +126,14 @@ pub fn finding(
     };
     let mut finding = Finding::new(Kind::ParticleHits, ids.join(", "), Done::Excluded);
     finding.count = events.len();
-    finding.pixels = events.iter().map(|e| e.at).take(super::finding::MAX_PIXELS).collect();
+    finding.pixels = events.iter().map(|e| e.at).take(MAX_PIXELS).collect();
+    let hit = |e: &Event| Hit {
+        capture: set.captures[scans[e.stack].capture].id.clone(),
+        charge_dn: e.charge_dn,
+        frame: e.frame,
+        pixel: e.at,
+    };
+    finding.hits = events.iter().map(hit).take(MAX_PIXELS).collect();
     finding.rate = Some(rate);
     let value = rate.per_s.unwrap_or(rate.per_frame);
     let error = rate.per_s_std_error.unwrap_or(rate.per_frame_std_error);

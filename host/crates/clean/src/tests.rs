@@ -225,6 +225,8 @@ fn particle_hits_are_counted_and_excluded() {
     let clean = inspected(8, Hooks { electrons: Some(&mut hits), ..Hooks::default() });
     let found = only(&clean);
     assert_eq!((found.kind, found.done), (Kind::ParticleHits, Done::Excluded));
+    let hit = &found.hits[0];
+    assert!(hit.charge_dn > 0.0 && hit.pixel == found.pixels[0], "{hit:?}");
     let rate = found.rate.unwrap();
     let (b, se) = (rate.per_s.unwrap(), rate.per_s_std_error.unwrap());
     // Small charges stay below the limit: a tenth in the darks.

@@ -18,6 +18,7 @@
 //! | [`bias`] | black level, read noise, noise of rows and frames, offset patterns |
 //! | [`flat`] | flicker, gain, PRNU, defective columns |
 //! | [`dark`] | dark current, its pattern, hot pixels, offsets from frame to frame |
+//! | [`drift`] | levels that wander from frame to frame, with their memory |
 //! | [`telegraph`] | pixels that blink: of the read-out, or of the dark current |
 //!
 //! ```
@@ -46,6 +47,7 @@
 
 pub mod bias;
 pub mod dark;
+pub mod drift;
 pub mod flat;
 pub mod robust;
 pub mod stack;
