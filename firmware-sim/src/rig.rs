@@ -130,6 +130,10 @@ impl Model for Rig<'_> {
     fn camera_end(&mut self) -> Result<(), Refusal> {
         self.camera.end()?;
         let config = self.camera.config().ok_or(Refusal::BadCamera)?;
+        // The charge of all pixels would have to be kept from frame to frame.
+        if config.effects.iter().any(|e| e.entry().needs == Needs::EarlierFrames) {
+            return Err(Refusal::Effects);
+        }
         let max = self.max_width();
         if config.width as usize > max {
             return Err(Refusal::TooWide { max: max as u16 });

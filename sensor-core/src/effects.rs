@@ -96,6 +96,9 @@ pub enum Needs {
     Neighbours,
     /// The light of the same row in the previous frame, as the effect would have found it there.
     PreviousFrame,
+    /// The charge that all earlier frames left in the row's traps, which the source of the light
+    /// keeps ([`MeanRows::traps`](crate::pipeline::MeanRows::traps)).
+    EarlierFrames,
 }
 
 /// What an effect may read in addition to the row that it changes. Rows are in blocks, signals in
@@ -262,6 +265,7 @@ catalogue! {
     57 => dark_current_by_site::DarkCurrentBySite if "dark-current-by-site",
     58 => defective_areas::DefectiveAreas if "defective-areas",
     59 => charge_transfer_inefficiency::ChargeTransferInefficiency if "charge-transfer-inefficiency",
+    60 => persistence::Persistence if "persistence",
 }
 
 impl Effect {

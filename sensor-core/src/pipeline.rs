@@ -25,6 +25,20 @@ pub trait MeanRows<A: Arith> {
         let _ = row;
         out.fill([A::Signal::default(); BLOCK]);
     }
+
+    /// Writes what the traps of a row hold at the beginning of the frame into `out`, e⁻, as signals
+    /// of [`Arith::Light`], for the effect of this number among those that read it
+    /// ([`Needs::EarlierFrames`]); nothing by default.
+    fn traps(&mut self, effect: usize, row: u32, out: &mut [Block<A::Signal>]) {
+        let _ = (effect, row);
+        out.fill([A::Signal::default(); BLOCK]);
+    }
+
+    /// Takes what they hold at its end, which [`Self::traps`] gives in the frame that follows. A row
+    /// may be told several times, each time with the same values.
+    fn keep_traps(&mut self, effect: usize, row: u32, held: &[Block<A::Signal>]) {
+        let _ = (effect, row, held);
+    }
 }
 
 impl<A: Arith, F: FnMut(u32, &mut [Block<A::Signal>])> MeanRows<A> for F {
@@ -99,6 +113,9 @@ pub struct Pipeline<'a, A: Arith> {
     light: usize,
     now: Run<'a, A::Signal>,
     before: Option<Before<'a, A::Signal>>,
+    /// One row of the traps, where an effect has some.
+    #[cfg_attr(not(feature = "persistence"), allow(dead_code, reason = "no effect has traps"))]
+    traps: &'a mut [Block<A::Signal>],
 }
 
 /// The previous frame, up to the effect that remembers it.
@@ -120,11 +137,16 @@ fn windows(effects: &[Effect]) -> usize {
     effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count()
 }
 
+/// Rows of traps that a pipeline works on at a time.
+fn rows_of_traps(config: &SensorConfig) -> usize {
+    usize::from(config.effects.iter().any(|e| e.entry().needs == Needs::EarlierFrames))
+}
+
 /// Number of blocks of memory that [`Pipeline::new`] needs for a sensor.
 pub fn memory_blocks(config: &SensorConfig) -> usize {
     let before = remembering(config).and_then(|first| config.effects.get(..first));
     let rows = 1 + 3 * windows(&config.effects) + before.map_or(0, |e| 1 + 3 * windows(e));
-    rows * blocks(config.width as usize)
+    (rows + rows_of_traps(config)) * blocks(config.width as usize)
 }
 
 impl<'a, S> Run<'a, S> {
@@ -337,7 +359,8 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             });
         }
         let light = chain.iter().filter(|l| l.effect.domain() < Domain::Charge).count();
-        Ok(Self { config, chain, light, now, before })
+        let traps = memory.get_mut(..rows_of_traps(config) * len).ok_or(ConfigError::Memory)?;
+        Ok(Self { config, chain, light, now, before, traps })
     }
 
     /// Computes one row of DN into `out`, which holds the sensor's width. A row number beyond the
@@ -347,7 +370,9 @@ impl<'a, A: Arith> Pipeline<'a, A> {
         if row >= self.config.height {
             return;
         }
-        let Self { config, chain, light, now, before } = self;
+        let Self { config, chain, light, now, before, .. } = self;
+        #[cfg(feature = "persistence")]
+        let traps = &mut *self.traps;
         for (level, row) in now.steps(row) {
             // What the previous frame left in the row comes first.
             let remembers = before.as_ref().filter(|before| before.level == level);
@@ -380,6 +405,16 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                 for (i, link) in of_level(chain, level).take_while(|(i, _)| *i < links) {
                     let inputs = inputs(link.effect.entry().needs, beside, previous);
                     let cx = link.context(&cx);
+                    #[cfg(feature = "persistence")]
+                    if let Effect::Persistence(effect) = &link.effect
+                        && !is_before
+                    {
+                        let with_traps = |l: &&Link| l.effect.entry().id == link.effect.entry().id;
+                        let number = chain.iter().take(i).filter(with_traps).count();
+                        source.traps(number, row, traps);
+                        effect.exchange::<A::Light>(&cx, out, traps);
+                        source.keep_traps(number, row, traps);
+                    }
                     link.effect.apply::<A>(&cx, &inputs, out);
                     if i + 1 == *light {
                         hold::<A>(out);

@@ -10,6 +10,7 @@ use camrig_sensor_core::arith::{Arith, BLOCK};
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::effects::*;
 use common::*;
+use std::collections::BTreeMap;
 
 /// Variance of rounding to the test sensor's DN, e⁻².
 const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
@@ -23,6 +24,7 @@ in_both_arithmetics! {
     light_flicker brighter_fatter optical_crosstalk colours_of_the_border image_lag
     amp_glow dark_current_gradient particle_hits tracks_cross_rows_and_columns frame_offset_by_site
     dark_current_by_site charge_transfer_inefficiency
+    persistence traps_of_two_time_constants
 }
 
 fn at(frame: u32) -> FrameSettings {
@@ -523,6 +525,127 @@ fn crosstalk_of_the_frame_before_lags<A: Arith>() {
         let alone = rows_of::<A>(&config, &SETTINGS, light, &[row]);
         assert_eq!(alone, dn[row as usize * 70..][..70], "row {row}");
     }
+}
+
+/// Light that changes from frame to frame, for sensors with traps: their charge by effect and row.
+struct Exposed<A: Arith, F> {
+    light: F,
+    before: BTreeMap<(usize, u32), Vec<[A::Signal; BLOCK]>>,
+    after: BTreeMap<(usize, u32), Vec<[A::Signal; BLOCK]>>,
+}
+
+impl<A: Arith, F: FnMut(u32) -> f32> camrig_sensor_core::pipeline::MeanRows<A> for Exposed<A, F> {
+    fn mean_row(&mut self, row: u32, out: &mut [[A::Signal; BLOCK]]) {
+        out.as_flattened_mut().fill(A::Light::signal((self.light)(row)));
+    }
+
+    fn traps(&mut self, effect: usize, row: u32, out: &mut [[A::Signal; BLOCK]]) {
+        match self.before.get(&(effect, row)) {
+            Some(held) => out.copy_from_slice(held),
+            None => out.as_flattened_mut().fill(A::Signal::default()),
+        }
+    }
+
+    fn keep_traps(&mut self, effect: usize, row: u32, held: &[[A::Signal; BLOCK]]) {
+        self.after.insert((effect, row), held.to_vec());
+    }
+}
+
+/// Frames of rows of even light one after the other, their rows in the given order.
+fn one_after_the_other<A: Arith>(
+    config: &SensorConfig,
+    light: &[&dyn Fn(u32) -> f32],
+    order: &[u32],
+) -> Vec<Vec<f64>> {
+    let mut before = BTreeMap::new();
+    let mut frames = Vec::new();
+    for (i, light) in (0..).zip(light) {
+        let mut source = Exposed::<A, _> { light, before, after: BTreeMap::new() };
+        let dn = rows_of::<A>(config, &at(i), &mut source, order);
+        frames.push(electrons(config, &at(i), &dn));
+        before = source.after;
+    }
+    frames
+}
+
+/// A frame of light, then darkness: f min(µ, W) (1 − d) d^(k−1); no charge is lost; what is read has
+/// the law of Poisson, so that photon transfer reads the true gain.
+fn persistence<A: Arith>() {
+    let (f, tau) = (0.25f64, 1.5f64);
+    let traps = persistence::Persistence { fraction: f as f32, time_constant_frames: tau as f32 };
+    let d = (-1.0 / tau).exp();
+    let full = 65_535.0 / DN_PER_E;
+    let rows: Vec<u32> = (0..4).collect();
+    let half_a_dn = 0.51 / DN_PER_E;
+    for light in [4000.0f32, 1e6] {
+        let config = monochrome(70, 4, &[traps.into()]);
+        let (on, off) = (move |_| light, |_| 0.0);
+        let frames =
+            one_after_the_other::<A>(&config, &[&on, &off, &off, &off, &off, &off], &rows);
+        let held = f64::from(light).min(full);
+        for (k, frame) in (1..).zip(&frames[1..]) {
+            let right = f * held * (1.0 - d) * d.powi(k - 1);
+            assert!((mean(frame) - right).abs() < half_a_dn, "{k}: {}, {right}", mean(frame));
+        }
+    }
+    // Crosstalk before, charge coupling behind: rows on request are those of the frame.
+    let spread = optical_crosstalk::OpticalCrosstalk { side: 0.0, vertical: 0.1, diagonal: 0.0 };
+    let coupled = charge_coupling::ChargeCoupling { side: 0.0, vertical: 0.05, diagonal: 0.0 };
+    let config = monochrome(70, 9, &[spread.into(), traps.into(), coupled.into()]);
+    let (bright, off) = (|row| if row == 4 { 4000.0 } else { 0.0 }, |_| 0.0);
+    let orders = [vec![0, 1, 2, 3, 4, 5, 6, 7, 8], vec![8, 3, 4, 0, 7, 1, 2, 5, 6]];
+    let [whole, mixed] =
+        orders.each_ref().map(|rows| one_after_the_other::<A>(&config, &[&bright, &off], rows));
+    for (at, &row) in orders[1].iter().enumerate() {
+        for (a, b) in whole.iter().zip(&mixed) {
+            assert_eq!(a[row as usize * 70..][..70], b[at * 70..][..70], "row {row}");
+        }
+    }
+    let total: f64 = whole[1].iter().sum();
+    assert!((total / 70.0 - f * 4000.0 * (1.0 - d)).abs() < 9.0 * half_a_dn, "{total}");
+    // Photon transfer, in light that has just come: the variance is the mean.
+    let shot = shot_noise::ShotNoise {}.into();
+    let config = monochrome(512, 128, &[traps.into(), shot]);
+    let rows: Vec<u32> = (0..128).collect();
+    let (on, off) = (|_| 2000.0, |_| 0.0);
+    let frames = one_after_the_other::<A>(&config, &[&on, &on, &on, &off], &rows);
+    let means = [2000.0 * (1.0 - f), 2000.0 * (1.0 - f * d), 2000.0 * (1.0 - f * d * d)];
+    let released = 2000.0 * f * (1.0 - d.powi(3));
+    for (v, right) in frames.iter().zip(means.into_iter().chain([released])) {
+        near("mean", mean(v), right, (right / v.len() as f64).sqrt());
+        near_variance("variance", variance(v), right + ROUNDING, v.len(), 0.01);
+    }
+    near("frames", correlation(&frames[0], &frames[1]), 0.0, 65_536f64.powf(-0.5));
+}
+
+/// Two kinds of traps: the recursion of both in f64 over six frames of changing light, and the sum of
+/// what is read and what is held is the light.
+fn traps_of_two_time_constants<A: Arith>() {
+    let kinds = [(0.1f32, 0.7f32), (0.02, 12.0)];
+    let effects = kinds.map(|(fraction, time_constant_frames)| {
+        persistence::Persistence { fraction, time_constant_frames }.into()
+    });
+    let config = monochrome(8, 2, &effects);
+    let light = [3000.0f32, 0.0, 5000.0, 1e5, 0.0, 100.0];
+    let steady = light.map(|light| move |_: u32| light);
+    let steady = steady.each_ref().map(|f| f as &dyn Fn(u32) -> f32);
+    let frames = one_after_the_other::<A>(&config, &steady, &[0, 1]);
+    let full = 65_535.0 / DN_PER_E;
+    let (mut held, mut read) = ([0.0; 2], 0.0);
+    for (light, frame) in light.into_iter().zip(frames) {
+        let mut signal = f64::from(light);
+        for (held, (fraction, tau)) in held.iter_mut().zip(kinds) {
+            let kept = *held * (-1.0 / f64::from(tau)).exp();
+            let caught = (signal.min(full) * f64::from(fraction)).min(full - kept);
+            signal += *held - kept - caught;
+            *held = kept + caught;
+        }
+        read += signal;
+        let shown = signal.min((65_535.0 - BLACK) / DN_PER_E);
+        assert!((mean(&frame) - shown).abs() < 0.51 / DN_PER_E, "{}, {shown}", mean(&frame));
+    }
+    let given: f64 = light.iter().map(|&e| f64::from(e)).sum();
+    assert!((read + held.iter().sum::<f64>() - given).abs() < 1e-6);
 }
 
 /// Covered and weak pixels collect less light, and that has its own shot noise.

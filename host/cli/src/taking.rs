@@ -208,6 +208,11 @@ fn one(
         stage.frame(sensor, cube, before, &settings)
     };
     let Some(hdr) = args.hdr else { return take(settings, (before, previous_s)) };
+    if !hdr.reads_twice() && sensor.effects_with_traps() > 0 {
+        return Err(Error::unsupported("persistence of rows of two exposures")
+            .at("--hdr")
+            .help("omit --hdr, or remove the effect from the camera file"));
+    }
     let [long, short] = hdr.frames(settings.frame);
     let long = settings.with_frame(long);
     let exposure_s = settings.exposure_s / hdr.ratio() as f32;

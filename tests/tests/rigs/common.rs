@@ -107,7 +107,11 @@ pub fn compare_frame(
         FrameRequest { arithmetic, lit_before: frame > 0, ..FrameRequest::new(settings) };
     let before = (frame > 0).then_some(cube);
     let here = sensor
-        .frame_with(cube, &settings, camrig::render::FrameOptions { before, arithmetic })
+        .frame_with(
+            cube,
+            &settings,
+            camrig::render::FrameOptions { before, traps: None, arithmetic },
+        )
         .unwrap();
     let there = rig.frame(cube, &sensor, &request).unwrap().to_raw(&sensor).unwrap();
     assert!(here == there, "{}, {arithmetic:?}, frame {frame}", camera.name);

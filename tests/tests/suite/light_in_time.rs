@@ -312,3 +312,48 @@ fn timing_changes_nothing_of_a_still_scene_and_is_needed_for_light_in_time() {
         assert!(!dir.join("x").exists(), "{arguments}");
     }
 }
+
+/// Traps over the frames of a run, from frames without them: of a frame, the fraction f is caught,
+/// and 1 − d of what they held is released. Where there is nothing to hold the charge of all pixels
+/// from frame to frame, the camera is refused.
+#[test]
+fn traps_hold_charge_over_the_frames_of_a_run() {
+    let dir = folder();
+    let dir = dir.path();
+    let (fraction, tau) = (0.25, 3.0f64);
+    let text = std::fs::read_to_string(dir.join("c.toml")).unwrap();
+    let traps = format!(
+        "\n[[effect]]\nkind = \"persistence\"\nfraction = {fraction}\ntime_constant_frames = {tau}\n"
+    );
+    std::fs::write(dir.join("p.toml"), text + &traps).unwrap();
+    let light = "--scene uniform:0.5 --lux 1000 --exposure 4ms --noise none";
+    for option in ["--frames 6", "--frames 4 --bracket 2,-2", "--frames 3 --hdr staggered:4"] {
+        let row = |frames: Vec<Vec<Vec<f64>>>| -> Vec<f64> {
+            // A frame of two exposures has rows of the one and of the other, in turn.
+            let rows = frames.iter().flat_map(|f| f[..2].iter().map(|row| mean(row)));
+            rows.collect()
+        };
+        let staggered = option.contains("staggered");
+        let [without, with] = ["c", "p"]
+            .map(|c| row(simulated(dir, &format!("--camera {c}.toml {light} {option}"))));
+        // Row 0 of each frame, or of each exposure.
+        let every = if staggered { 1 } else { 2 };
+        let mut held = 0.0;
+        for (alone, shown) in without.iter().zip(&with).step_by(every) {
+            let kept = held * (-1.0 / tau).exp();
+            let right = alone - fraction * alone + held - kept;
+            held = kept + fraction * alone;
+            assert!((shown - right).abs() < 1.0, "{option}: {shown}, expected {right}");
+        }
+        assert!(held > 100.0, "{option}: {held}");
+    }
+    let refused = |arguments: &str, said: &str| {
+        let output =
+            camrig(dir, &format!("simulate --camera p.toml {light} {arguments} -o o.npy"));
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        assert!(told.contains(said), "{told}");
+    };
+    refused("--rig emulator:", "no memory for the charge");
+    refused("--hdr rows:4", "persistence of rows of two exposures");
+}

@@ -222,7 +222,11 @@ fn take(
     let frame = sensor.frame_with(
         &view.cube,
         &settings,
-        camrig_render::FrameOptions { before, arithmetic: sweep.arithmetic },
+        camrig_render::FrameOptions {
+            before,
+            arithmetic: sweep.arithmetic,
+            ..camrig_render::FrameOptions::default()
+        },
     )?;
     let info =
         render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;

@@ -167,13 +167,17 @@ impl SensorModel {
 
 impl Camera {
     /// The signal chain: the base model (eq. 10 of Chen et al. 2009) with the file's effects
-    /// inserted by domain. What remembers the previous frame is the last effect on light: it
+    /// inserted by domain. What remembers earlier frames comes last of the effects on light: it
     /// remembers what the others made of it.
     pub fn chain(&self) -> Vec<Effect> {
         let noise = &self.sensor.noise;
         let of = |domain| self.effects.iter().filter(move |e| e.domain() == domain).copied();
         let mut chain: Vec<Effect> = of(Domain::Light).collect();
-        chain.sort_by_key(|e| e.entry().needs == Needs::PreviousFrame);
+        chain.sort_by_key(|e| match e.entry().needs {
+            Needs::EarlierFrames => 2,
+            Needs::PreviousFrame => 1,
+            _ => 0,
+        });
         if self.sensor.kept_noise != KeptNoise::None {
             chain.push(ShotNoise {}.into());
         }

@@ -77,6 +77,7 @@ pub fn bench(
     let mut shoot = |cube: &IrradianceCube, chosen: &[&Point]| -> Result<Vec<Vec<Plane<u16>>>> {
         let sensor = SimulatedSensor::new(camera, &cube.header)?;
         let mut stacks = vec![Vec::with_capacity(frames as usize); chosen.len()];
+        let mut traps = camrig_render::Traps::default();
         for i in 0..frames {
             let settings = camera.settings(number, exposure_s, None);
             number = number.wrapping_add(1);
@@ -84,7 +85,11 @@ pub fn bench(
             let frame = sensor.frame_with(
                 cube,
                 &settings,
-                camrig_render::FrameOptions { before, ..camrig_render::FrameOptions::default() },
+                camrig_render::FrameOptions {
+                    before,
+                    traps: Some(&mut traps),
+                    ..camrig_render::FrameOptions::default()
+                },
             )?;
             for (stack, p) in stacks.iter_mut().zip(chosen) {
                 stack.push(window(&frame, p.left, p.top));

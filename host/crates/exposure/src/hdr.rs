@@ -6,6 +6,7 @@ use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_camera::hdr::{Hdr, HdrOutput};
 use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::effects::Needs;
 use camrig_sensor_core::hdr::MAX_CAPTURES;
 use rayon::prelude::*;
 
@@ -37,6 +38,10 @@ impl HdrSensor {
         if header.holds_electrons() {
             return Err(Error::disagreement("electrons of one response for several captures")
                 .help("make the irradiance anew, in bands"));
+        }
+        if camera.chain().iter().any(|e| e.entry().needs == Needs::EarlierFrames) {
+            return Err(Error::unsupported("persistence of a sensor of several captures")
+                .help("choose one with --capture, or remove the effect from the camera file"));
         }
         let captures = (0..hdr.captures.len()).filter_map(|i| camera.of_capture(i));
         let sensors = captures.map(|camera| SimulatedSensor::in_light(&camera, header, light));

@@ -12,5 +12,5 @@ mod weighted;
 
 pub use displacement::displacement;
 pub use irradiance::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
-pub use sensor::{Arithmetic, FrameOptions, SimulatedSensor};
+pub use sensor::{Arithmetic, FrameOptions, SimulatedSensor, Traps};
 pub use weighted::weighted;

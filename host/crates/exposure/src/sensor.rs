@@ -9,6 +9,7 @@ use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::effects::Needs;
 use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Arithmetic of the sensor stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Deserialize)]
@@ -23,12 +24,23 @@ pub enum Arithmetic {
 
 camrig_base::choices!(Arithmetic, "arithmetic": F32 = "f32", Fixed = "fixed");
 
+/// What the traps of a sensor (effect `persistence`) hold between its frames, e⁻: four bytes for
+/// each pixel and effect. Empty at first.
+#[derive(Clone, Debug, Default)]
+pub struct Traps {
+    /// Row by row, in each one effect after the other.
+    held_e: Vec<f32>,
+}
+
 /// How a frame is computed, where that is not the usual way.
-#[derive(Clone, Copy, Default)]
+#[derive(Default)]
 pub struct FrameOptions<'a> {
     /// What the sensor saw in the frame before, for effects with a memory; darkness without it. How
     /// long it saw that, the settings say.
     pub before: Option<&'a IrradianceCube>,
+    /// What the frames before left in the traps of a sensor that has some, and then what this one
+    /// leaves; empty traps without it.
+    pub traps: Option<&'a mut Traps>,
     /// Arithmetic of the sensor stage.
     pub arithmetic: Arithmetic,
 }
@@ -106,26 +118,49 @@ impl SimulatedSensor {
     /// One frame of `cube`, with options.
     ///
     /// # Errors
-    /// Those of [`Self::frame`].
+    /// Those of [`Self::frame`]; a frame after another one, by a sensor with traps whose charge is
+    /// not given.
     pub fn frame_with(
         &self,
         cube: &IrradianceCube,
         settings: &FrameSettings,
         options: FrameOptions<'_>,
     ) -> Result<RawFrame> {
-        let FrameOptions { before, arithmetic } = options;
+        let FrameOptions { before, traps, arithmetic } = options;
         settings.check().map_err(refused)?;
-        let width = self.config.width as usize;
-        let mut data = vec![0; width * self.config.height as usize];
-        let inputs = Inputs { sensor: self, cube, before, settings };
-        data.par_chunks_mut(width * ROWS_PER_TASK).enumerate().try_for_each(|(i, out)| {
+        let (width, height) = (self.config.width as usize, self.config.height as usize);
+        let mut data = vec![0; width * height];
+        let with_traps = self.effects_with_traps();
+        if with_traps > 0 && before.is_some() && traps.is_none() {
+            return Err(Error::unsupported(
+                "persistence where frames are computed without those before",
+            )
+            .help("use simulate, expose or capture, or remove the effect from the camera file"));
+        }
+        let mut kept = vec![0.0; width * height * with_traps];
+        let held = traps.as_ref().map_or(&[][..], |traps| &traps.held_e);
+        let inputs = Inputs { sensor: self, cube, before, held, settings };
+        let of_task = width * ROWS_PER_TASK;
+        let mut kept_by_task: Vec<&mut [f32]> =
+            kept.chunks_mut((of_task * with_traps).max(1)).collect();
+        kept_by_task.resize_with(height.div_ceil(ROWS_PER_TASK), Default::default);
+        let tasks = data.par_chunks_mut(of_task).zip(kept_by_task).enumerate();
+        tasks.try_for_each(|(i, (out, kept))| {
             let first = i * ROWS_PER_TASK;
             match arithmetic {
-                Arithmetic::F32 => cube_rows::<Float>(&inputs, first, out),
-                Arithmetic::Fixed => cube_rows::<Fixed>(&inputs, first, out),
+                Arithmetic::F32 => cube_rows::<Float>(&inputs, first, out, kept),
+                Arithmetic::Fixed => cube_rows::<Fixed>(&inputs, first, out, kept),
             }
         })?;
+        if let Some(traps) = traps {
+            traps.held_e = kept;
+        }
         Ok(self.raw_frame(data, settings.analog_gain))
+    }
+
+    /// Number of its effects that hold charge from frame to frame.
+    pub fn effects_with_traps(&self) -> usize {
+        self.config.effects.iter().filter(|e| e.entry().needs == Needs::EarlierFrames).count()
     }
 
     /// Mean photo-electrons of every pixel, before any effect.
@@ -139,7 +174,7 @@ impl SimulatedSensor {
     ) -> Result<Plane<f32>> {
         let (width, height) = (self.config.width as usize, self.config.height as usize);
         let mut data = vec![0.0; width * height];
-        let inputs = Inputs { sensor: self, cube, before: None, settings };
+        let inputs = Inputs { sensor: self, cube, before: None, held: &[], settings };
         data.par_chunks_mut(width * ROWS_PER_TASK)
             .enumerate()
             .try_for_each(|(i, out)| electrons(&inputs, i * ROWS_PER_TASK, out))?;
@@ -177,11 +212,18 @@ struct Inputs<'a> {
     sensor: &'a SimulatedSensor,
     cube: &'a IrradianceCube,
     before: Option<&'a IrradianceCube>,
+    /// [`Traps::held_e`], or none.
+    held: &'a [f32],
     settings: &'a FrameSettings,
 }
 
-/// Computes the rows from `first` on that fill `out`.
-fn cube_rows<A: Vector>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> Result<()> {
+/// Computes the rows from `first` on that fill `out`; `kept` gets the charge of their traps.
+fn cube_rows<A: Vector>(
+    inputs: &Inputs<'_>,
+    first: usize,
+    out: &mut [u16],
+    kept: &mut [f32],
+) -> Result<()> {
     let config = &inputs.sensor.config;
     let (width, height) = (config.width as usize, config.height as usize);
     let windows = config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
@@ -193,6 +235,13 @@ fn cube_rows<A: Vector>(inputs: &Inputs<'_>, first: usize, out: &mut [u16]) -> R
         sums: BandSums::new(config, inputs.settings, crosstalk)?,
         now: load(inputs.cube, from, to)?,
         before: inputs.before.map(|cube| load(cube, from, to)).transpose()?,
+        traps: TrapRows {
+            width,
+            effects: inputs.sensor.effects_with_traps(),
+            held: inputs.held,
+            first,
+            kept,
+        },
     };
     rows::<A>(config, inputs.settings, &mut source, first, out)
 }
@@ -223,6 +272,25 @@ struct CubeRows<'a, A: Arith> {
     sums: BandSums<'a, A>,
     now: Vec<Chunk<'a>>,
     before: Option<Vec<Chunk<'a>>>,
+    traps: TrapRows<'a>,
+}
+
+/// Traps of the rows of a task: those of the frame before, of all rows, and those of its own rows
+/// after the frame.
+struct TrapRows<'a> {
+    width: usize,
+    effects: usize,
+    held: &'a [f32],
+    first: usize,
+    kept: &'a mut [f32],
+}
+
+impl TrapRows<'_> {
+    /// Place of an effect's row, so many rows from the beginning.
+    fn place(&self, effect: usize, rows: usize) -> Range<usize> {
+        let from = (rows * self.effects + effect) * self.width;
+        from..from + self.width
+    }
 }
 
 impl<A: Vector> MeanRows<A> for CubeRows<'_, A> {
@@ -236,12 +304,97 @@ impl<A: Vector> MeanRows<A> for CubeRows<'_, A> {
             None => out.fill([A::Signal::default(); BLOCK]),
         }
     }
+
+    fn traps(&mut self, effect: usize, row: u32, out: &mut [Block<A::Signal>]) {
+        out.fill([A::Signal::default(); BLOCK]);
+        let held = self.traps.held.get(self.traps.place(effect, row as usize)).unwrap_or(&[]);
+        for (out, &held) in out.as_flattened_mut().iter_mut().zip(held) {
+            *out = A::Light::signal(held);
+        }
+    }
+
+    fn keep_traps(&mut self, effect: usize, row: u32, held: &[Block<A::Signal>]) {
+        // Rows above and below its own belong to other tasks.
+        let Some(rows) = (row as usize).checked_sub(self.traps.first) else { return };
+        let place = self.traps.place(effect, rows);
+        let kept = self.traps.kept.get_mut(place).unwrap_or(&mut []);
+        for (kept, &held) in kept.iter_mut().zip(held.as_flattened()) {
+            *kept = A::Light::electrons(held);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use camrig_base::{Bands, Outside, Spectrum};
+    use camrig_sensor_core::effects::{Effect, optical_crosstalk, persistence::Persistence};
+
+    /// Light behind which rows share by crosstalk, then darkness, over the rows of several tasks: the
+    /// frames show what traps of two time constants release, in both arithmetics. A frame after
+    /// another is refused without their charge.
+    #[test]
+    fn traps_release_their_charge_over_the_frames_that_follow() {
+        let camera = Camera::load("mt9t012").unwrap().with_size(50, 70).unwrap();
+        let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 30 };
+        let header = CubeHeader {
+            width: 50,
+            height: 70,
+            first_band_nm: bands.start_nm,
+            band_step_nm: bands.step_nm,
+            bands: bands.count,
+            level: 1.0,
+            lux: None,
+            illuminant: None,
+            made_of: "even light".into(),
+            light: Vec::new(),
+            made_for: Default::default(),
+        };
+        let [lit, dark] = [2e-3, 0.0].map(|level| {
+            IrradianceCube::uniform(header.clone(), &vec![level; bands.count]).unwrap()
+        });
+        let mut sensor = SimulatedSensor::new(&camera, &header).unwrap();
+        let kinds = [(0.2f32, 1.0f32), (0.1, 5.0)];
+        let spread =
+            optical_crosstalk::OpticalCrosstalk { side: 0.0, vertical: 0.1, diagonal: 0.0 };
+        let traps = kinds.map(|(fraction, time_constant_frames)| {
+            Effect::from(Persistence { fraction, time_constant_frames })
+        });
+        sensor.config.effects = [spread.into()].into_iter().chain(traps).collect();
+        sensor.config.bits = 16;
+        let settings = camera.settings(0, 1e-3, Some(1.0));
+        let light = sensor.electrons(&lit, &settings).unwrap();
+        let mean = |row: usize| light.data[row * 50..][..50].iter().sum::<f32>() / 50.0;
+        // Rows of one colour order alike; the crosstalk of rows is that of even light.
+        let gain = f64::from(sensor.config.dn_per_e(1.0));
+        for arithmetic in Arithmetic::ALL {
+            let (mut traps, mut before) = (Traps::default(), None);
+            // Of one electron in the first frame: what the traps hold.
+            let mut held = [0.0; 2];
+            for k in 0..6 {
+                let cube = if k == 0 { &lit } else { &dark };
+                let options = FrameOptions { before, traps: Some(&mut traps), arithmetic };
+                let frame = sensor.frame_with(cube, &settings.with_frame(k), options).unwrap();
+                before = Some(cube);
+                let mut share = if k == 0 { 1.0 } else { 0.0 };
+                for (held, (fraction, tau)) in held.iter_mut().zip(kinds) {
+                    let kept = *held * (-1.0 / f64::from(tau)).exp();
+                    let caught = f64::from(fraction) * share;
+                    share += *held - kept - caught;
+                    *held = kept + caught;
+                }
+                for (row, dn) in frame.data.chunks(50).enumerate() {
+                    let right = share * f64::from(0.8 * mean(row) + 0.2 * mean(row ^ 1));
+                    let got = dn.iter().map(|&dn| f64::from(dn)).sum::<f64>() / 50.0;
+                    let got = (got - f64::from(sensor.config.black_level_dn)) / gain;
+                    assert!((got - right).abs() < 0.51 / gain, "{k}, row {row}: {got}, {right}");
+                }
+            }
+        }
+        let alone = FrameOptions { before: Some(&lit), ..FrameOptions::default() };
+        let refused = sensor.frame_with(&dark, &settings, alone).unwrap_err();
+        assert!(refused.to_string().contains("persistence"), "{refused}");
+    }
 
     /// Even light through a filter with steep edges at 480 and 620 nm, on an even sensor: in the
     /// corner the edges lie at shorter waves, and the light falls to (1 − s_1/n²)/(1 − s_0/n²) of

@@ -54,7 +54,7 @@ mod run_optics;
 mod sequence_stage;
 mod traced;
 
-pub use camrig_exposure::{Arithmetic, FrameOptions, SimulatedSensor};
+pub use camrig_exposure::{Arithmetic, FrameOptions, SimulatedSensor, Traps};
 pub use camrig_exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
 pub use collapse::{CollapseReport, OpticsPath, light_bands};
 pub use corrections::{Corrections, corrections};

@@ -318,6 +318,15 @@ impl Rig {
     /// A sensor whose rows, bands or tables are too large for the rig, effects that its firmware
     /// lacks, a link that fails.
     pub fn set_camera(&mut self, sensor: &SimulatedSensor) -> Result<()> {
+        if sensor.effects_with_traps() > 0 {
+            return Err(Error::unsupported(
+                "persistence on a rig, which has no memory for the charge of all pixels",
+            )
+            .at(&self.url)
+            .help(
+                "expose these frames in this process, or remove the effect from the camera file",
+            ));
+        }
         let crosstalk = sensor.crosstalk();
         let table = crosstalk
             .map_or(0, |c| c.x.len() + c.y.len() + c.wavelength_nm.len() + c.factors.len());

@@ -3,7 +3,7 @@
 use super::remembering::remembering;
 use super::{FrameRequest, Rig};
 use camrig_base::{Error, RawFrame, Result};
-use camrig_exposure::{Arithmetic, FrameOptions, IrradianceCube, SimulatedSensor};
+use camrig_exposure::{Arithmetic, FrameOptions, IrradianceCube, SimulatedSensor, Traps};
 use camrig_sensor_core::config::FrameSettings;
 
 /// Where frames are exposed.
@@ -11,6 +11,8 @@ pub struct SensorStage {
     rig: Option<Rig>,
     arithmetic: Arithmetic,
     cleared: Option<String>,
+    /// What the frames so far left in the sensor's traps.
+    traps: Traps,
 }
 
 impl SensorStage {
@@ -22,7 +24,7 @@ impl SensorStage {
     pub fn open(rig: Option<&str>, arithmetic: Arithmetic) -> Result<Self> {
         let mut rig = rig.map(Rig::open).transpose()?;
         let cleared = rig.as_mut().map(Rig::clear_injected).transpose()?.flatten();
-        Ok(Self { rig, arithmetic, cleared })
+        Ok(Self { rig, arithmetic, cleared, traps: Traps::default() })
     }
 
     /// What an earlier host had left in the rig's registers and was cleared, in words.
@@ -46,7 +48,7 @@ impl SensorStage {
     }
 
     /// One frame under `cube`, after one under `before` (dark where none) for the previous exposure
-    /// of `settings`.
+    /// of `settings`. Without `before` it is the sensor's first; else it follows the one taken last.
     ///
     /// # Errors
     /// Those of [`SimulatedSensor::frame`] and [`Rig::frame`]; light that changes under a sensor
@@ -60,7 +62,11 @@ impl SensorStage {
         settings: &FrameSettings,
     ) -> Result<RawFrame> {
         let Some(rig) = &mut self.rig else {
-            let options = FrameOptions { before, arithmetic: self.arithmetic };
+            if before.is_none() {
+                self.traps = Traps::default();
+            }
+            let traps = Some(&mut self.traps);
+            let options = FrameOptions { before, traps, arithmetic: self.arithmetic };
             return sensor.frame_with(cube, settings, options);
         };
         let lit_before = before.is_some_and(|b| std::ptr::eq(b, cube));

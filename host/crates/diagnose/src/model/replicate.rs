@@ -6,11 +6,12 @@ use crate::data::design::{Condition, Design, Stack, Target};
 use crate::statistics::read::{batches, min_stacks_per_thread};
 use crate::statistics::targets::{Picture, PictureCollector};
 use crate::statistics::temporal::{Collector, Temporal};
-use camrig_base::{Bands, Plane, Result};
+use camrig_base::{Bands, Error, Plane, Result};
 use camrig_camera::Camera;
 use camrig_exposure::rows::rows;
 use camrig_sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
+use camrig_sensor_core::effects::Needs;
 use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -22,6 +23,12 @@ const SHORTEST_S: f32 = 1e-9;
 /// `seed` names the sensor and its noise. It is given photo-electrons, so that its bands do not
 /// matter.
 fn sensor(camera: &Camera, stack: &Stack, seed: u64) -> Result<SensorConfig> {
+    if camera.chain().iter().any(|e| e.entry().needs == Needs::EarlierFrames) {
+        return Err(Error::unsupported(
+            "persistence in the model of captures, whose frames before are not known",
+        )
+        .help("remove the effect from the camera file"));
+    }
     let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
     let mut config = camera.clone().starting_at(stack.first_number).sensor_config(&band)?;
     config.seed = seed;
