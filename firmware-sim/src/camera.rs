@@ -12,15 +12,15 @@
 //! takes them with it.
 
 use camrig_rig_link::message::Refusal;
-use camrig_sensor_core::config::{SensorConfig, Streams};
+use camrig_sensor_core::config::{MAX_BANDS, MAX_CHANNELS, SensorConfig, Streams};
 use camrig_sensor_core::crosstalk::Crosstalk;
 
 /// Bytes of the four lengths at the front.
 const HEAD_BYTES: usize = 8;
 
 /// Longest configuration in postcard, bytes: a full chain of effects with all their parameters,
-/// and four channels of 64 bands.
-pub const CONFIG_BYTES: usize = 3072;
+/// and as many channels and bands as a sensor may have.
+pub const CONFIG_BYTES: usize = 2048 + 4 * MAX_CHANNELS * MAX_BANDS;
 
 /// A received camera.
 pub struct CameraStore<'m> {

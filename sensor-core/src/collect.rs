@@ -15,9 +15,9 @@ use core::borrow::Borrow;
 /// Sums of a group of pixels that share an exponent.
 pub type Sums<S> = [S; GROUP];
 
-/// Number of alignments of a colour filter pattern with a group of 16: patterns of 3 and 6 columns
-/// shift from group to group.
-const PHASES: usize = 3;
+/// Largest number of alignments of a colour filter pattern with a group of 16: patterns of 3, 5 and
+/// 6 columns shift from group to group.
+const PHASES: usize = if cfg!(feature = "multispectral") { 5 } else { 3 };
 
 /// Sums the bands of the rows of one frame.
 pub struct Collector<'a, A: Arith> {
@@ -163,7 +163,11 @@ impl<'a, A: Arith> Collector<'a, A> {
 
     #[inline(always)]
     fn phases(&self) -> usize {
-        if self.config.pattern.width.is_multiple_of(3) { PHASES } else { 1 }
+        match self.config.pattern.width {
+            3 | 6 => 3,
+            5 => PHASES,
+            _ => 1,
+        }
     }
 
     #[inline(always)]

@@ -13,14 +13,19 @@ const SHOT_NOISE: u8 = 1;
 /// Largest number of effects in a chain that read their neighbours.
 pub const MAX_WINDOWS: usize = 4;
 
-/// Largest number of channels of a colour filter array.
-pub const MAX_CHANNELS: usize = 4;
+/// Largest number of channels of a colour filter array: 25, which are 6.3 KiB of
+/// [`SensorConfig::response`], with the feature `multispectral`, else 4.
+pub const MAX_CHANNELS: usize = if cfg!(feature = "multispectral") { 25 } else { 4 };
 /// Largest number of spectral bands.
 pub const MAX_BANDS: usize = 64;
 /// Largest number of effects in a chain.
 pub const MAX_EFFECTS: usize = 32;
 /// Largest side of a repeating colour filter pattern.
 pub const MAX_PATTERN: usize = 8;
+/// Numbers of columns of a repeating colour filter pattern: with 5 where there may be that many
+/// channels.
+pub const PATTERN_WIDTHS: &[u8] =
+    if cfg!(feature = "multispectral") { &[1, 2, 3, 4, 5, 6, 8] } else { &[1, 2, 3, 4, 6, 8] };
 /// Largest width and height, pixels.
 pub const MAX_SIDE: u32 = 32_768;
 
@@ -28,7 +33,7 @@ pub const MAX_SIDE: u32 = 32_768;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Pattern {
-    /// Columns of the tile: 1, 2, 3, 4, 6 or 8.
+    /// Columns of the tile, one of [`PATTERN_WIDTHS`].
     pub width: u8,
     /// Rows of the tile.
     pub height: u8,
@@ -186,9 +191,10 @@ impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Size => write!(f, "width and height must be 1 to {MAX_SIDE} pixels"),
-            Self::Pattern => f.write_str(
-                "the colour filter pattern must be 1, 2, 3, 4, 6 or 8 columns wide and name a \
-                 channel of the sensor in each cell",
+            Self::Pattern => write!(
+                f,
+                "the colour filter pattern must be one of {PATTERN_WIDTHS:?} columns wide and name \
+                 a channel of the sensor in each cell"
             ),
             Self::Bands => f.write_str("the wavelengths of the bands must be finite, in nm"),
             Self::Response => write!(
@@ -307,7 +313,7 @@ impl SensorConfig {
             return Err(ConfigError::Size);
         }
         let (pw, ph) = (usize::from(self.pattern.width), usize::from(self.pattern.height));
-        if ![1, 2, 3, 4, 6, 8].contains(&pw)
+        if !PATTERN_WIDTHS.contains(&self.pattern.width)
             || ph == 0
             || self.pattern.channels.len() != pw * ph
             || self.pattern.channels.iter().any(|&c| c >= self.channels)

@@ -4,7 +4,7 @@
 mod common;
 
 use camrig_sensor_core::arith::{Arith, BLOCK, blocks};
-use camrig_sensor_core::config::{Pattern, SensorConfig};
+use camrig_sensor_core::config::{MAX_CHANNELS, PATTERN_WIDTHS, Pattern, SensorConfig};
 use camrig_sensor_core::pipeline::MeanRows;
 use common::light::{Band, Collected, Table, mean_electrons};
 use common::{SETTINGS, monochrome, uniforms};
@@ -44,12 +44,16 @@ fn check<A: Arith>(config: &SensorConfig, table: Option<&Table>, next: &mut impl
 
 fn sums_agree_with_f64<A: Arith>() {
     let mut next = uniforms(3);
-    for pattern_width in [1u8, 2, 3, 4, 6, 8] {
+    for &pattern_width in PATTERN_WIDTHS {
         for (width, bands) in [(1u32, 1u8), (17, 5), (100, 3), (333, 31)] {
-            let channels = 4.min(pattern_width);
-            let pattern_height = 1 + (next() * 4.0) as u8;
+            let pattern_height = 1 + (next() * 5.0) as u8;
             let cells = usize::from(pattern_width * pattern_height);
-            let tile = (0..cells).map(|_| (next() * f64::from(channels)) as u8);
+            // As many as there may be: a mosaic where each pixel has its own.
+            let channels = cells.min(MAX_CHANNELS) as u8;
+            let tile = (0..cells).map(|i| match u8::try_from(i) {
+                Ok(own) if own < channels => own,
+                _ => (next() * f64::from(channels)) as u8,
+            });
             let pattern = Pattern::new(pattern_width, pattern_height, tile);
             let count = usize::from(channels) * usize::from(bands);
             let mut config = monochrome(width, 3, &[]);

@@ -22,6 +22,7 @@ mod lens;
 mod light_in_time;
 mod live;
 mod measuring;
+mod mosaics;
 mod photon_transfer;
 mod pictures;
 mod radiometry;

@@ -27,7 +27,7 @@ impl Cfa {
     /// `RG/GB` and `RC/CC`), or rows of letters separated by `/`.
     ///
     /// # Errors
-    /// Rows of different lengths, sides other than 1, 2, 3, 4, 6 or 8, and other letters.
+    /// Rows of different lengths, sides other than 1 to 6 or 8, and other letters.
     pub fn parse(text: &str) -> Result<Self> {
         let rows: Vec<&str> = match text {
             "mono" => vec!["M"],
@@ -37,18 +37,18 @@ impl Cfa {
             other => other.split('/').collect(),
         };
         let (width, height) = (rows[0].len(), rows.len());
-        let allowed = [1, 2, 3, 4, 6, 8];
+        let allowed = [1, 2, 3, 4, 5, 6, 8];
         let letters: Vec<char> = rows.concat().chars().collect();
         if !rows.iter().all(|r| r.len() == width)
             || !allowed.contains(&width)
             || !allowed.contains(&height)
             || !letters.iter().all(|c| c.is_ascii_uppercase())
-            // A word: MONO, TRUE.
-            || (width, height) == (4, 1)
+            // A word: MONO, BAYER.
+            || matches!((width, height), (4 | 5, 1))
         {
             return Err(Error::input(format!("colour filter pattern {text:?}")).help(
-                "use RGGB, GRBG, GBRG, BGGR, RCCC or other four letters, mono, or equal rows of 1, \
-                 2, 3, 4, 6 or 8 capital letters separated by '/', for instance \"RGRG/GBGB\"",
+                "use RGGB, GRBG, GBRG, BGGR, RCCC or other four letters, mono, or equal rows of 1 to \
+                 6 or 8 capital letters separated by '/', for instance \"RGRG/GBGB\" or \"ABC/DEF/GHI\"",
             ));
         }
         Ok(Self { width, height, letters })
@@ -94,8 +94,8 @@ impl fmt::Display for Cfa {
             self.letters.chunks(self.width).map(|r| r.iter().collect()).collect();
         match (self.width, self.height) {
             (2, 2) => f.write_str(&rows.concat()),
-            // Four letters alone are two rows of two: the same pattern, as two rows of four.
-            (4, 1) => write!(f, "{0}/{0}", rows[0]),
+            // Four letters alone are two rows of two, five a word: the same pattern, as two rows.
+            (4 | 5, 1) => write!(f, "{0}/{0}", rows[0]),
             _ => f.write_str(&rows.join("/")),
         }
     }
@@ -112,7 +112,7 @@ mod tests {
             assert_eq!(cfa, Cfa::parse(rows).unwrap());
             assert_eq!((cfa.width, cfa.height, cfa.to_string()), (2, 2, text.to_string()));
         }
-        for word in ["rccc", "RÄG", "MONO", "TRUE", "GREY"] {
+        for word in ["rccc", "RÄG", "MONO", "TRUE", "GREY", "BAYER", "ABCDEFG/ABCDEFG"] {
             assert!(Cfa::parse(word).is_err(), "{word}");
         }
     }
@@ -120,9 +120,12 @@ mod tests {
     #[test]
     fn what_is_written_is_read_as_the_same_pattern() {
         let line = Cfa { width: 4, height: 1, letters: "RGCB".chars().collect() };
-        for cfa in [line, Cfa::parse("RG").unwrap(), Cfa::parse("RGRG/GBGB").unwrap()] {
+        let five = Cfa { width: 5, height: 1, letters: "ABCDE".chars().collect() };
+        let parsed = ["RG", "RGRG/GBGB", "ABC/DEF/GHI", "ABCDE/FGHIJ/KLMNO/PQRST/UVWXY"];
+        let parsed = parsed.map(|text| Cfa::parse(text).unwrap());
+        for cfa in [line, five].into_iter().chain(parsed) {
             let back = Cfa::parse(&cfa.to_string()).unwrap();
-            let places = (0..64).map(|i| (i % 8, i / 8));
+            let places = (0..100).map(|i| (i % 10, i / 10));
             assert!(places.clone().all(|(x, y)| back.letter(x, y) == cfa.letter(x, y)), "{cfa}");
         }
     }

@@ -11,6 +11,7 @@ use super::{
     Camera, CrosstalkTable, FilterAngles, Folder, Gains, KeptNoise, LensKind, LensModel, Noise,
     RelativeIllumination, SensorModel, SensorTiming, csv_reader,
 };
+use camrig_base::alternatives::Alternatives;
 use camrig_base::table::{SpectralTable, Wanted};
 use camrig_base::toml_text::{line_of, place_of_key as place};
 use camrig_base::{Cfa, Error, Outside, Result, Spectrum, mistakes};
@@ -178,11 +179,17 @@ fn lens(file: LensFile, text: &str, folder: &Folder<'_>) -> Result<Option<LensMo
 
 fn sensor(file: SensorFile, text: &str, folder: &Folder<'_>) -> Result<SensorModel> {
     let place = |key| place(text, "sensor", key);
-    let cfa = Cfa::parse(&file.cfa).map_err(|e| e.at(place("cfa")))?;
+    let pattern = match &file.cfa {
+        Alternatives::One(pattern) => pattern.clone(),
+        // A row alone is the same as twice, but not as two halves.
+        Alternatives::List(rows) if rows.len() == 1 => [&rows[..], rows].concat().join("/"),
+        Alternatives::List(rows) => rows.join("/"),
+        _ => String::new(),
+    };
+    let cfa = Cfa::parse(&pattern).map_err(|e| e.at(place("cfa")))?;
     if cfa.channels().len() > camrig_sensor_core::config::MAX_CHANNELS {
         return Err(Error::input(format!(
-            "cfa = {:?} has {} channels",
-            file.cfa,
+            "cfa = {pattern:?} has {} channels",
             cfa.channels().len()
         ))
         .at(place("cfa"))

@@ -180,10 +180,10 @@ pub struct SensorFile {
     #[schemars(range(min = 0.001, max = 1.0))]
     #[schemars(extend("usual" = "0.3 to 0.6 without microlenses, 0.8 to 1 with"))]
     pub fill_factor: f64,
-    /// Colour filter pattern: the top-left 2 x 2 pixels row by row, mono, or rows of letters
-    /// parted by slashes.
+    /// Colour filter pattern: the top-left 2 x 2 pixels row by row, mono, or rows of letters, parted
+    /// by slashes or as a list; up to 25 channels, as of multispectral mosaics of 5 x 5 pixels.
     #[schemars(extend("usual" = "RGGB, GRBG, GBRG, BGGR, mono"))]
-    pub cfa: String,
+    pub cfa: Alternatives<String>,
     /// Quantum efficiency with the colour filter: a number, or a CSV of wavelength_nm,r,g,b (or
     /// gr,gb apart, one column for mono, a column per letter of the pattern). Straight lines
     /// join its points, at most 100 nm apart; outside them it is zero, or held where the CSV has

@@ -23,6 +23,9 @@ const THUMBNAIL: usize = 256;
 /// Bytes that dcraw reads of a description, whatever its length; it fails where the file ends
 /// before.
 const DCRAW_DESCRIPTION: usize = 512;
+/// Colour planes of a raw image (`kMaxColorPlanes` of Adobe's DNG SDK); the codes of CFAPlaneColor
+/// name seven colours.
+const MAX_PLANES: usize = 4;
 /// Denominator of the fractions that decimal values are written as.
 const DENOMINATOR: u32 = 1_000_000_000;
 
@@ -32,10 +35,16 @@ type Written = std::result::Result<(), tiff::TiffError>;
 /// One frame as DNG bytes.
 ///
 /// # Errors
-/// Samples beyond the bits, black levels that are not one per cell of the pattern, sizes that a
-/// classic TIFF cannot express.
+/// Samples beyond the bits, more channels than a DNG names, black levels that are not one per cell
+/// of the pattern, sizes that a classic TIFF cannot express.
 pub fn encode(frame: &RawFrame, info: &DngInfo) -> Result<Vec<u8>> {
     check_range(&frame.data, frame.bits)?;
+    let channels = frame.cfa.channels().len();
+    if channels > MAX_PLANES {
+        return Err(Error::unsupported(format!("{channels} channels in a DNG")).help(format!(
+            "it has at most {MAX_PLANES}; write .tiff, whose description names the pattern"
+        )));
+    }
     let cells = frame.cfa.width * frame.cfa.height;
     if !info.black_levels_dn.is_empty() && info.black_levels_dn.len() != cells {
         return Err(Error::input(format!("{} black levels", info.black_levels_dn.len()))

@@ -6,7 +6,7 @@
 
 use super::dng_info::{DngInfo, black_levels, linearized};
 use camrig_base::color::{Matrix, XYZ_FROM_SRGB, inverse, multiply, srgb_byte};
-use camrig_base::{Plane, RawFrame};
+use camrig_base::{Cfa, Plane, RawFrame};
 use rayon::prelude::*;
 
 /// Smallest share of white that a channel's neutral counts as: bounds the white-balance gain of a
@@ -197,8 +197,9 @@ impl Development {
         let neutral = info.as_shot_neutral.unwrap_or([1.0; 3]);
         let gain = |c: Option<usize>| c.map_or(1.0, |c| 1.0 / neutral[c].max(MIN_NEUTRAL));
         let white = f64::from(frame.white_level_dn);
-        let scale = |(letter, black): (&char, &f64)| gain(rgb(*letter)) / (white - black).max(1.0);
-        let scale_per_dn = frame.cfa.letters.iter().zip(&black_dn).map(scale).collect();
+        let scale =
+            |(colour, black): (Option<usize>, &f64)| gain(colour) / (white - black).max(1.0);
+        let scale_per_dn = colours(&frame.cfa).into_iter().zip(&black_dn).map(scale).collect();
         let color = frame.cfa.channels() == ['R', 'G', 'B'];
         let matrix = info.daylight_matrix().filter(|_| color).and_then(srgb_from_camera);
         let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -206,9 +207,11 @@ impl Development {
     }
 }
 
-/// Channel R, G or B of a filter; `None` for one without colour.
-fn rgb(letter: char) -> Option<usize> {
-    "RGB".find(letter)
+/// Channel R, G or B of each filter of a pattern; `None` for one without colour, as all are where
+/// the letters of more than four channels number bands.
+fn colours(cfa: &Cfa) -> Vec<Option<usize>> {
+    let bands = cfa.channels().len() > 4;
+    cfa.letters.iter().map(|&c| "RGB".find(c).filter(|_| !bands)).collect()
 }
 
 /// Conversion of a frame's DN to sRGB.
@@ -225,7 +228,7 @@ impl ToSrgb {
         Self {
             cfa_width: frame.cfa.width,
             cfa_height: frame.cfa.height,
-            channel: frame.cfa.letters.iter().map(|&c| rgb(c)).collect(),
+            channel: colours(&frame.cfa),
             development: Development::new(frame, info),
             gamma: (0..=u16::MAX).map(|v| srgb_byte(f64::from(v) / 65535.0)).collect(),
         }
@@ -275,7 +278,6 @@ fn srgb_from_camera(camera_from_xyz: Matrix) -> Option<Matrix> {
 mod tests {
     use super::*;
     use crate::ColorMatrix;
-    use camrig_base::Cfa;
 
     const MATRIX: Matrix = [[0.9, -0.2, -0.1], [-0.5, 1.3, 0.2], [-0.1, 0.3, 0.6]];
 
