@@ -3,7 +3,8 @@
 
 use super::finding::{Done, Finding, Kind};
 use super::scan::Scan;
-use camrig_captures::{CaptureSet, SensorFacts};
+use camrig_captures::{CaptureSet, Role, SensorFacts};
+use std::borrow::Borrow;
 
 /// Number of different codes from which a step is accepted: by chance, eleven are all even once in
 /// a thousand sets.
@@ -32,6 +33,14 @@ impl Step {
         whole.then(|| self.step.trailing_zeros())
     }
 
+    /// What all samples are, in words.
+    fn multiples(&self) -> String {
+        match self.offset {
+            0 => format!("multiples of {} DN", self.step),
+            offset => format!("multiples of {} DN plus {offset}", self.step),
+        }
+    }
+
     /// A sample in units of the step.
     pub fn code(&self, sample: u16) -> u16 {
         (sample - self.offset.min(sample)) / self.step
@@ -50,20 +59,36 @@ impl Step {
     }
 }
 
+/// The codes that occur in all of the scans, with their numbers.
+fn occurring<S: Borrow<Scan>>(scans: &[S]) -> Vec<(u16, u64)> {
+    let scans = scans.iter().map(S::borrow);
+    let count = |code: usize| scans.clone().map(|s| s.codes[code]).sum::<u64>();
+    (0..=u16::MAX).map(|c| (c, count(c.into()))).filter(|c| c.1 > 0).collect()
+}
+
+/// The largest step that all codes have.
+fn common_step(codes: &[(u16, u64)]) -> Option<Step> {
+    let differences = codes.windows(2).map(|p| p[1].0 - p[0].0);
+    let step = differences.fold(0, greatest_common_divisor);
+    let samples = codes.iter().map(|c| c.1).sum();
+    (step > 1 && codes.len() >= MIN_CODES).then(|| Step {
+        step,
+        offset: codes[0].0 % step,
+        between: 0,
+        samples,
+    })
+}
+
 /// The step of a set's codes, where it is more than one DN.
 pub fn step(scans: &[Scan]) -> Option<Step> {
-    let count = |code: usize| scans.iter().map(|s| s.codes[code]).sum::<u64>();
-    let codes: Vec<(u16, u64)> =
-        (0..=u16::MAX).map(|c| (c, count(c.into()))).filter(|c| c.1 > 0).collect();
+    let codes = occurring(scans);
     if codes.len() < MIN_CODES {
         return None;
     }
-    let all: u64 = codes.iter().map(|c| c.1).sum();
-    let differences = codes.windows(2).map(|p| p[1].0 - p[0].0);
-    let step = differences.fold(0, greatest_common_divisor);
-    if step > 1 {
-        return Some(Step { step, offset: codes[0].0 % step, between: 0, samples: all });
+    if let Some(step) = common_step(&codes) {
+        return Some(step);
     }
+    let all: u64 = codes.iter().map(|c| c.1).sum();
     // A few samples between the codes may come from the correction of defective pixels.
     (1..16).rev().map(|bit| 1u16 << bit).find_map(|step| {
         let mut by_offset = vec![0u64; usize::from(step)];
@@ -78,15 +103,37 @@ pub fn step(scans: &[Scan]) -> Option<Step> {
     })
 }
 
+/// Steps of all stacks of a gain, a dark among them, where the set as a whole has none: their codes
+/// were multiplied. Samples at either end of the scale were clamped, and are left out.
+pub fn digital_gains(set: &CaptureSet, scans: &[Scan]) -> Vec<Finding> {
+    let capture = |scan: &Scan| &set.captures[scan.capture];
+    let mut sorted: Vec<&Scan> = scans.iter().collect();
+    sorted.sort_by(|a, b| capture(a).analog_gain.total_cmp(&capture(b).analog_gain));
+    let of_gain = |scans: &[&Scan]| {
+        scans.iter().find(|scan| capture(scan).role == Role::Dark)?;
+        let mut codes = occurring(scans);
+        codes.retain(|c| (1..set.sensor.white_level_dn).contains(&c.0));
+        let step = common_step(&codes)?;
+        let ids: Vec<&str> = scans.iter().map(|scan| capture(scan).id.as_str()).collect();
+        let (dn, gain) = (f64::from(step.step), capture(scans[0]).analog_gain);
+        let mut finding = Finding::new(Kind::CodeStep, ids.join(", "), Done::Reported);
+        finding.count = step.samples as usize;
+        Some(finding.with_amount(dn, 0.0, "DN").with_description(format!(
+            "at gain {gain} all samples within the scale are {}: codes were multiplied by {dn} \
+             (digital gain). Rounding adds {dn}²/12 = {:.4} DN², not 1/12",
+            step.multiples(),
+            dn * dn / 12.0
+        )))
+    };
+    let alike = |a: &&Scan, b: &&Scan| capture(a).analog_gain == capture(b).analog_gain;
+    sorted.chunk_by(alike).filter_map(of_gain).collect()
+}
+
 /// The finding about a step.
 pub fn finding(set: &CaptureSet, step: &Step) -> Finding {
-    let Step { step: dn, offset, between, samples: all } = *step;
+    let Step { step: dn, between, samples: all, .. } = *step;
     let true_bits = step.facts(&set.sensor).bits;
-    let of = if offset == 0 {
-        format!("multiples of {dn} DN")
-    } else {
-        format!("multiples of {dn} DN plus {offset}")
-    };
+    let of = step.multiples();
     let rounding = f64::from(dn).powi(2) / 12.0;
     let (done, more) = match step.idle_bits() {
         Some(idle) => (

@@ -60,7 +60,10 @@ pub fn inspect(set: &CaptureSet, options: &Options<'_>) -> Result<(Vec<Finding>,
         findings.push(codes::finding(set, &step));
         corrections.step = step.idle_bits().map(|_| step);
     } else {
-        findings.extend(requantised::finding(set, &scans));
+        match codes::digital_gains(set, &scans) {
+            gains if gains.is_empty() => findings.extend(requantised::finding(set, &scans)),
+            gains => findings.extend(gains),
+        }
     }
     corrections.top_code = top_code::of(set, &scans);
     findings.extend(corrections.top_code.map(|top| top_code::finding(set, &scans, top)));

@@ -450,6 +450,38 @@ fn samples_that_pile_up_below_the_white_level_are_saturated() {
     }
 }
 
+/// Beyond the analogue gain codes are multiplied: all stacks of that gain have the step, apart from
+/// saturated samples, and those of another gain do not hide it.
+#[test]
+fn codes_multiplied_at_one_gain_are_a_digital_gain() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut frame = 0;
+    let mut doubled = |dn: &mut [f64], _: usize| {
+        // The first half of the frames are those of the first half of the stacks.
+        if frame < 16 + 16 + 12 {
+            dn.iter_mut().for_each(|v| *v = 2.0 * (*v - BLACK) + BLACK);
+            dn[0] = 4095.0;
+        }
+        frame += 1;
+    };
+    let plan = [PLAN[0], PLAN[1], PLAN[2], ("dark-c", 0.0, 0.02, 16), PLAN[3], PLAN[5]];
+    let hooks = Hooks { codes: Some(&mut doubled), ..Hooks::default() };
+    set(folder.path(), 27, &plan, hooks, &|_| 1.0);
+    let manifest = folder.path().join("captures.toml");
+    let mut text = std::fs::read_to_string(&manifest).unwrap();
+    for id in ["dark-a", "dark-b", "flat-a"] {
+        text = text.replace(&format!("id = \"{id}\""), &format!("id = \"{id}\"\nanalog_gain = 2"));
+    }
+    std::fs::write(&manifest, text).unwrap();
+    let set = CaptureSet::load(folder.path()).unwrap();
+    let found = Cleaned::inspect(set, &Options::default()).unwrap().findings;
+    let steps: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::CodeStep).collect();
+    assert_eq!(steps.len(), 1, "{found:#?}");
+    assert_eq!((steps[0].amount, steps[0].done), (Some(2.0), Done::Reported));
+    assert_eq!(steps[0].place, "dark-a, dark-b, flat-a");
+    assert!(steps[0].description.contains("digital gain"), "{}", steps[0].description);
+}
+
 /// A table of the square root: codes are 2 DN apart from 500 DN on, and 4 DN from 2000 DN on.
 #[test]
 fn codes_whose_step_depends_on_the_level_are_found() {
