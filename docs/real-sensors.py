@@ -76,17 +76,18 @@ def base_model(run, captures, folder):
         key, _, value = line.partition(" = ")
         sensor.setdefault(key, value)
     bits = int(sensor["bits"])
-    gain = m["overall_system_gain"]
-    read = m["temporal_dark_noise_e"]
+    value = lambda name: (m[name] or {}).get("value")
+    gain = value("overall_system_gain")
+    read = value("temporal_dark_noise_e")
     if read is None:  # below 0.24 DN² the quantisation decides: EMVA 1288
         read = 0.24**0.5 / gain
         print(f"    {captures.name}: rounding hides the read noise; its upper limit is taken, {read:.2f} electrons")
-    black = m["darks"][0]["mean_dn"]
+    black = next(iter(m["channels"].values()))["darks"][0]["mean_dn"]
     # DN per electron is full scale over full well.
     camera.write_text(CAMERA.format(
         name=captures.name, width=sensor["width"], height=sensor["height"], bits=bits, full_well=(2**bits - 1) / gain,
-        black=black, read=read, prnu=(m["prnu_1288_percent"] or 0) / 100))
-    qe = m["quantum_efficiency"] or 0.5  # where light was not measured it takes no part
+        black=black, read=read, prnu=(value("prnu_1288_percent") or 0) / 100))
+    qe = value("quantum_efficiency") or 0.5  # where light was not measured it takes no part
     (folder / "qe.csv").write_text("wavelength_nm,qe\n" + "".join(f"{nm},{qe}\n" for nm in range(300, 1101, 20)))
     return camera, gain, black, read, qe
 

@@ -19,11 +19,18 @@ fn main() -> Result<()> {
     for channel in &measured.channels {
         let f = &channel.figures;
         println!("channel {}:", channel.channel);
-        println!("  overall system gain K     {:.4} DN/e⁻", f.overall_system_gain);
-        println!("  temporal dark noise       {:.3} DN", f.temporal_dark_noise_dn);
-        println!("  saturation capacity       {:.0} e⁻", f.saturation_capacity_e);
-        println!("  maximum SNR               {:.1} dB", f.snr_max_db);
-        println!("  dynamic range             {:.1} dB", f.dynamic_range_db);
+        for (name, figure, unit) in [
+            ("overall system gain K", f.overall_system_gain, "DN/e⁻"),
+            ("temporal dark noise", f.temporal_dark_noise_dn, "DN"),
+            ("saturation capacity", f.saturation_capacity_e, "e⁻"),
+            ("maximum SNR", f.snr_max_db, "dB"),
+            ("dynamic range", f.dynamic_range_db, "dB"),
+        ] {
+            match figure {
+                Some(v) => println!("  {name:25} {:.4} ± {:.4} {unit}", v.value, v.std_error),
+                None => println!("  {name:25} not determined by these captures"),
+            }
+        }
     }
     for warning in &measured.warnings {
         println!("warning: {warning}");

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Clients that are Python modules rather than programs.
-const PYTHON_MODULES: [&str; 9] = [
+const PYTHON_MODULES: [&str; 10] = [
     "astropy",
     "cv2",
+    "dngpy",
     "emva1288",
     "jsonschema",
     "mitsuba",

@@ -99,6 +99,59 @@ fn dcraw_libraw_and_our_reader_undo_a_curve() {
     }
 }
 
+/// Adobe's own SDK opens every file without a warning but that of the missing border, for which a
+/// raw frame has no samples, and reads samples, pattern and baseline exposure.
+#[test]
+fn the_dng_sdk_reads_every_sample_without_a_warning() {
+    let Some(python) = client("dngpy") else { return };
+    const SCRIPT: &str = "
+import sys, json, dngpy
+out = []
+for path in sys.argv[1:]:
+    d = dngpy.Dng(path)
+    out.append({'data': d.raw_pixels.ravel().tolist(), 'pattern': d.get_bayer_pattern(),
+        'exposure': d.get_baseline_exposure(), 'model': d.metadata.model})
+print('JSON', json.dumps(out))";
+    let one_light = DngInfo { color_matrices: info().color_matrices.split_off(1), ..info() };
+    let lifted = DngInfo { carried: [(50730, vec![-1.5])].into(), ..one_light };
+    let per_cell = DngInfo { black_levels_dn: vec![56.0, 61.5, 72.0, 63.0], ..info() };
+    let raws: Vec<RawFrame> = variants().chain([frame(12, "mono")]).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let mut paths = Vec::new();
+    for (i, raw) in raws.iter().enumerate() {
+        let info = match (raw.cfa.is_mono(), i % 3) {
+            (true, _) => DngInfo { noise_profile: vec![(1e-4, 2e-7)], ..info() },
+            (_, 0) => info(),
+            (_, 1) => lifted.clone(),
+            _ => per_cell.clone(),
+        };
+        paths.push(folder.path().join(format!("{i}.dng")));
+        std::fs::write(&paths[i], dng::encode(raw, &info).unwrap()).unwrap();
+    }
+    // What the SDK has to say, it says on either stream.
+    let run = std::process::Command::new(&python).args(["-c", SCRIPT]).args(&paths).output();
+    let run = run.unwrap();
+    let [told, errors] = [&run.stdout, &run.stderr].map(|t| String::from_utf8_lossy(t));
+    let (said, found) = told.split_once("JSON ").unwrap_or_else(|| panic!("{told}{errors}"));
+    let lines = said.lines().chain(errors.lines()).filter(|line| !line.trim().is_empty());
+    let unexpected: Vec<&str> =
+        lines.filter(|line| !line.contains("Too little padding")).collect();
+    assert_eq!(unexpected, [""; 0]);
+    let found: Vec<serde_json::Value> =
+        serde_json::from_str(found.lines().next().unwrap()).unwrap();
+    assert_eq!(found.len(), raws.len());
+    for (i, (raw, found)) in raws.iter().zip(&found).enumerate() {
+        let data: Vec<u16> = serde_json::from_value(found["data"].clone()).unwrap();
+        assert_eq!(data, raw.data, "{} {}", raw.bits, raw.cfa);
+        assert_eq!(found["model"], "client test");
+        if !raw.cfa.is_mono() {
+            assert_eq!(found["pattern"], raw.cfa.to_string());
+            let exposure = if i % 3 == 1 { -1.5 } else { 0.0 };
+            assert_eq!(found["exposure"], exposure);
+        }
+    }
+}
+
 #[test]
 fn dcraw_reads_every_sample() {
     let Some(dcraw) = client("dcraw") else { return };

@@ -5,9 +5,11 @@ use super::view_args::ViewArgs;
 use camrig_base::output;
 use camrig_base::{Error, Plane, Result};
 use camrig_formats::{Facts, Format, Frames, preview};
-use camrig_measure::picture::{Card, Patch, colours, srgb_to_linear};
+use camrig_measure::figure;
+use camrig_measure::picture::{Card, ColourError, Patch, colours, srgb_to_linear};
 use camrig_render::{self as render, SimulatedSensor};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
@@ -159,7 +161,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let picture = srgb_png(&bytes).map_err(|e| e.at(path.display()))?;
         table.push((path.display().to_string(), judge(&picture)?));
     }
-    print_table(&table, args.json.then_some(&view.notes));
+    print_table(&table, args.json.then_some(&view.notes))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -247,23 +249,16 @@ fn srgb_png(bytes: &[u8]) -> Result<Picture> {
 }
 
 /// Prints the figures; as JSON if `notes` are given.
-fn print_table(table: &[(String, Vec<Patch>)], json_notes: Option<&Vec<String>>) {
-    let mean = |patches: &[Patch]| {
-        patches.iter().map(|p| p.delta_e_2000).sum::<f64>() / patches.len() as f64
-    };
-    let worst = |patches: &[Patch]| patches.iter().map(|p| p.delta_e_2000).fold(0.0, f64::max);
+fn print_table(table: &[(String, Vec<Patch>)], json_notes: Option<&Vec<String>>) -> Result<()> {
     if let Some(notes) = json_notes {
         let isps = table.iter().map(|(name, patches)| {
-            let figures = json!({
-                "delta_e_2000_mean": mean(patches),
-                "delta_e_2000_max": worst(patches),
-                "patches": patches,
-            });
-            (name.clone(), figures)
+            let mut figures = figure::object(&ColourError::of(patches))?;
+            figures.insert("patches".into(), json!(patches));
+            Ok((name.clone(), figures))
         });
-        let isps: serde_json::Map<_, _> = isps.collect();
+        let isps: BTreeMap<_, _> = isps.collect::<Result<_>>()?;
         println!("{}", json!({ "isps": isps, "notes": notes }));
-        return;
+        return Ok(());
     }
     let line = |label: &str, value: &dyn Fn(&[Patch]) -> f64| {
         let cells: Vec<String> = table
@@ -277,6 +272,7 @@ fn print_table(table: &[(String, Vec<Patch>)], json_notes: Option<&Vec<String>>)
     for i in 0..table[0].1.len() {
         line(&(i + 1).to_string(), &|patches| patches[i].delta_e_2000);
     }
-    line("mean", &mean);
-    line("max", &worst);
+    line("mean", &|patches| ColourError::of(patches).delta_e_2000_mean.value);
+    line("max", &|patches| ColourError::of(patches).delta_e_2000_max.value);
+    Ok(())
 }

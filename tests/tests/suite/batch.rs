@@ -208,24 +208,87 @@ fn pixel_size_against_snr_and_mtf() {
         figure("mtf50_cycles_per_pixel", pitch) / (1e-3 * pitch.parse::<f64>().unwrap())
     };
     assert!(per_mm("2") > 1.3 * per_mm("4"), "{} and {} per mm", per_mm("2"), per_mm("4"));
-    // `measure` of the same frames in the same region gives the same figures, to the last digit.
-    for row in rows.iter().filter(|row| row[place("scene")].starts_with("slanted-edge")) {
-        let index: u64 = row[place("index")].parse().unwrap();
-        let file = format!("out/frames/{:03}/{index:06}.dng", index / 1000);
-        let found = camrig_ok(dir, &format!("measure mtf {file} --roi 48,36,96,72 --json"));
-        let found: serde_json::Value = serde_json::from_slice(&found.stdout).unwrap();
-        let edges = found["edges"].as_array().unwrap();
-        let edge = edges.iter().find(|e| e["channel"] == row[place("channel")]).unwrap();
-        for name in ["mtf50_cycles_per_pixel", "mtf50_std_error"] {
-            assert_eq!(row[place(name)], edge[name].to_string(), "{file} {name}");
-        }
-    }
     // The sensor's dark noise does not know its pitch.
     assert_eq!(figure("dynamic_range_db", "2"), figure("dynamic_range_db", "4"));
     let page = std::fs::read_to_string(dir.join("out/figures.html")).unwrap();
     for words in ["SNR against pixel pitch", "everywhere", "MTF50 on the sensor against SNR"] {
         assert!(page.contains(words), "{words}");
     }
+}
+
+/// What `measure` and `isp` give of the frames of a data set is what its table says, to the last
+/// digit: SNR, MTF50, colour error, dynamic range, each with its standard error.
+#[test]
+fn the_figures_of_a_data_set_are_those_of_measure_to_the_last_digit() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("c.toml"), small_camera(192, 144, &[("bits", "12")])).unwrap();
+    let sweep = "format = \"sweep/1\"\n[grid]\ncamera = \"c.toml\"\nlux = 150\nexposure_s = 0.04\n\
+                 scene = [\"colorchecker\", \"uniform:0.3\", \"slanted-edge:angle=5\"]\n\
+                 [figures]\nsnr_db = true\ndynamic_range_db = true\n\
+                 mtf50_cycles_per_pixel = true\ndelta_e_2000 = true\n";
+    std::fs::write(dir.join("all.toml"), sweep).unwrap();
+    camrig_ok(dir, "batch all.toml -o out --no-cache");
+    let table = std::fs::read_to_string(dir.join("out/figures.csv")).unwrap();
+    let mut lines = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().unwrap();
+    let place = |name: &str| head.iter().position(|h| *h == name).unwrap();
+    let manifest = std::fs::read_to_string(dir.join("out/manifest.jsonl")).unwrap();
+    let records: Vec<serde_json::Value> =
+        manifest.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    // The dark frames have the two highest numbers; the chart has number 0, as that of `isp`.
+    let lit = "--camera c.toml --scene uniform:0.3 --lux 150 --exposure 40ms";
+    let unlit = lit.replace("--lux 150", "--lux 1e-12");
+    camrig_ok(dir, &format!("simulate {unlit} --frames 2 --frame-seed 4294967294 -o dark"));
+    let camera = camrig::camera::Camera::load(&dir.join("c.toml").to_string_lossy()).unwrap();
+    let config = camera.sensor_config(&camrig::scene::Bands::VISIBLE).unwrap();
+    let dn_per_e = f64::from(config.dn_per_e(1.0));
+    let json = |dir: &Path, words: &str| -> serde_json::Value {
+        serde_json::from_slice(&camrig_ok(dir, words).stdout).unwrap()
+    };
+    let dark = json(dir, &format!("measure dark dark --dn-per-e {dn_per_e} --json"));
+    let isp = json(dir, "isp --camera c.toml --lux 150 --exposure 40ms --json");
+    let mut seen = std::collections::BTreeSet::new();
+    for row in lines {
+        let channel = row[place("channel")];
+        let record = &records[row[place("index")].parse::<usize>().unwrap()];
+        let file = format!("out/frames/000/{:06}.dng", record["index"].as_u64().unwrap());
+        let scene = row[place("scene")].split(':').next().unwrap();
+        let mut same = |name: &str, error: Option<&str>, found: &serde_json::Value| {
+            assert!(found["unit"].is_string(), "{name}: {found}");
+            assert_eq!(row[place(name)], found["value"].to_string(), "{file} {name}");
+            if let Some(error) = error {
+                assert_eq!(row[place(error)], found["std_error"].to_string(), "{file} {error}");
+                assert_eq!(&record["channels"][channel][name], found, "{file} {name}");
+            }
+            seen.insert(name.to_owned());
+        };
+        let range = &dark["channels"][channel]["dynamic_range_db"];
+        same("dynamic_range_db", Some("dynamic_range_std_error"), range);
+        match scene {
+            "uniform" => {
+                let found = json(dir, &format!("measure snr {file} --json"));
+                same("snr_db", Some("snr_std_error"), &found["channels"][channel]["snr_db"]);
+            }
+            "slanted-edge" => {
+                let found = json(dir, &format!("measure mtf {file} --roi 48,36,96,72 --json"));
+                let edges = found["edges"].as_array().unwrap();
+                let edge = edges.iter().find(|e| e["channel"] == channel).unwrap();
+                let name = "mtf50_cycles_per_pixel";
+                same(name, Some("mtf50_std_error"), &edge[name]);
+            }
+            // The colours are those of the picture, in the row of its first channel.
+            _ if !row[place("delta_e_2000")].is_empty() => {
+                let found = &isp["isps"]["camrig"];
+                same("delta_e_2000", None, &found["delta_e_2000_mean"]);
+                let [own, theirs] = ["delta_e_2000_max", "delta_e_2000_mean"];
+                assert_eq!(record["figures"][own], found[own]);
+                assert_eq!(record["figures"][theirs], found[theirs]);
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(seen.len(), 4, "{seen:?}");
 }
 
 /// Dark frames are of a sensor at its exposure, whatever it looks at and in which light: pictures

@@ -1,18 +1,22 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
-use super::{PageArgs, dark, object, plus_minus, to_json};
+use super::{PageArgs, dark, plus_minus};
 use crate::captures::opened;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::Role;
 use camrig_measure::compare::{Comparison, compare};
+use camrig_measure::figure::object;
 use camrig_measure::{Value, emva, gains, ptc, rates};
 use camrig_report as report;
 use clap::Args as ClapArgs;
-use serde_json::{Map, json};
-use std::collections::BTreeSet;
+use serde_json::json;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::process::ExitCode;
+
+/// Levels from which on they are a ladder, and too many to list.
+const LADDER: usize = 4;
 
 #[derive(ClapArgs)]
 pub struct OnCaptures {
@@ -61,16 +65,8 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
         if let Some(gains) = &gains {
             object.append(&mut self::object(gains)?);
         }
-        if result.channels.len() > 1 {
-            let channels: Map<String, serde_json::Value> = result
-                .channels
-                .iter()
-                .map(|c| Ok((c.channel.clone(), to_json(c)?)))
-                .collect::<Result<_>>()?;
-            object.insert("channels".into(), channels.into());
-        } else {
-            object.append(&mut self::object(&result.channels[0])?);
-        }
+        let channels = result.channels.iter().map(|c| Ok((c.channel.clone(), self::object(c)?)));
+        object.insert("channels".into(), json!(channels.collect::<Result<BTreeMap<_, _>>>()?));
         object.insert("analog_gain".into(), json!(result.analog_gain));
         object.insert("dsnu_exposure_s".into(), json!(result.dsnu_exposure_s));
         object.insert("notes".into(), json!(result.notes));
@@ -122,11 +118,8 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
             .ok_or_else(|| Error::input("no channels"))?;
         let mut object = self::object(&most.figures)?;
         object.insert("reference_channel".into(), json!(most.channel));
-        let mut channels = Map::new();
-        for c in &result.channels {
-            channels.insert(c.channel.clone(), to_json(c)?);
-        }
-        object.insert("channels".into(), channels.into());
+        let channels = result.channels.iter().map(|c| Ok((c.channel.clone(), self::object(c)?)));
+        object.insert("channels".into(), json!(channels.collect::<Result<BTreeMap<_, _>>>()?));
         object.insert("warnings".into(), json!(result.warnings));
         println!("{}", serde_json::Value::Object(object));
         return Ok(ExitCode::SUCCESS);
@@ -135,12 +128,15 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
         eprintln!("warning: {warning}");
     }
     for channel in &result.channels {
-        println!("channel {}", channel.channel);
-        for (name, value) in object(&channel.figures)? {
-            match value.as_f64() {
-                Some(v) => println!("  {name:36} {v:.6}"),
-                None => println!("  {name:36} not determined by these captures"),
-            }
+        print_figures(&format!("channel {}", channel.channel), &channel.figures)?;
+        // Of a ladder, the page has the plot.
+        for level in channel.levels.iter().filter(|_| channel.levels.len() < LADDER) {
+            let snr = level.snr_db.map_or("not determined".into(), plus_minus);
+            println!(
+                "  {:36} {snr} dB at {:.1} DN",
+                format!("snr of {}", level.id),
+                level.signal_dn
+            );
         }
     }
     Ok(ExitCode::SUCCESS)
@@ -206,6 +202,7 @@ fn print_figures(title: &str, figures: &impl serde::Serialize) -> Result<()> {
     for (name, value) in object(figures)?.into_iter().filter(|f| !f.1.is_number()) {
         match (value["value"].as_f64(), value["std_error"].as_f64()) {
             (Some(v), Some(e)) => println!("  {name:36} {}", plus_minus(Value::new(v, e))),
+            (Some(v), None) => println!("  {name:36} {}", plus_minus(Value::chosen(v))),
             _ => println!("  {name:36} not determined by these captures"),
         }
     }

@@ -1,12 +1,13 @@
 //! `camrig measure dark`: figures of a stack of dark frames.
 
-use super::{object, plus_minus};
+use super::plus_minus;
 use crate::captures::opened;
 use camrig_base::output::OutputDir;
 use camrig_base::{Cfa, Error, Result};
 use camrig_captures::{CaptureSet, Role};
 use camrig_measure::Value;
 use camrig_measure::dark_stack::{self, DarkStack};
+use camrig_measure::figure;
 use clap::Args as ClapArgs;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -18,7 +19,7 @@ pub struct DarkArgs {
     /// standard input, into which a rig or another program sends CSI-2, MCAP, PGM or NPY
     #[arg(required = true)]
     frames: Vec<PathBuf>,
-    /// System gain, for the read noise in electrons
+    /// System gain, for the read noise in electrons and, in --json, the dynamic range
     #[arg(long, value_name = "K", value_parser = crate::arguments::positive)]
     dn_per_e: Option<f64>,
     /// Colour filter pattern, where the files have none (mono without either)
@@ -100,21 +101,26 @@ fn spooled() -> Result<OutputDir> {
     Ok(folder)
 }
 
-fn read_noise_e(found: &DarkStack, dn_per_e: Option<f64>) -> Option<Value> {
-    Some(found.read_noise_dn?.scaled(1.0 / dn_per_e?))
+fn read_noise_e(dn: Option<Value>, dn_per_e: Option<f64>) -> Option<Value> {
+    Some(dn?.scaled(1.0 / dn_per_e?))
 }
 
 fn json_of(found: &DarkStack, dn_per_e: Option<f64>) -> Result<serde_json::Value> {
-    let mut figures = object(found)?;
-    if dn_per_e.is_some() {
-        figures.insert("read_noise_e".into(), json!(read_noise_e(found, dn_per_e)));
+    let mut figures = json!(found);
+    if let Some(k) = dn_per_e {
+        figures["read_noise_e"] = json!(read_noise_e(found.read_noise_dn, dn_per_e));
+        for (letter, channel) in &found.channels {
+            let object = &mut figures["channels"][letter];
+            object["read_noise_e"] = json!(read_noise_e(channel.read_noise_dn, dn_per_e));
+            object["dynamic_range_db"] = json!(channel.dynamic_range_db(k));
+        }
     }
-    Ok(figures.into())
+    Ok(figure::object(&figures)?.into())
 }
 
 fn print(found: &DarkStack, dn_per_e: Option<f64>) {
     found.notes.iter().for_each(|note| eprintln!("note: {note}"));
-    let read = match (found.read_noise_dn, read_noise_e(found, dn_per_e)) {
+    let read = match (found.read_noise_dn, read_noise_e(found.read_noise_dn, dn_per_e)) {
         (Some(dn), Some(e)) => format!("{} DN ({} e-)", plus_minus(dn), plus_minus(e)),
         (Some(dn), None) => format!("{} DN", plus_minus(dn)),
         (None, _) => "hidden by rounding".into(),

@@ -3,12 +3,13 @@
 use super::plus_minus;
 use crate::arguments::{finite, positive};
 use camrig_base::Cfa;
-use camrig_base::{Error, Plane, Result};
+use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_formats as formats;
 use camrig_measure::contrast::{self, Samples, Wanted};
 use camrig_measure::mtf::Roi;
 use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along, RINGS};
+use camrig_measure::{even, figure};
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
@@ -151,6 +152,45 @@ pub fn roi(text: &str) -> Result<Roi, String> {
 }
 
 #[derive(ClapArgs)]
+pub struct SnrArgs {
+    #[command(flatten)]
+    source: FrameSource,
+    /// Region, pixels; by default the middle half of the width and height
+    #[arg(long, value_name = "X,Y,W,H", value_parser = roi)]
+    roi: Option<Roi>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn snr_of(args: &SnrArgs) -> Result<ExitCode> {
+    let opened = args.source.open()?;
+    let black_level_dn = opened.black()?;
+    let frame = RawFrame {
+        width: opened.plane.width,
+        height: opened.plane.height,
+        bits: u16::BITS,
+        cfa: opened.cfa,
+        black_level_dn,
+        white_level_dn: opened.white.unwrap_or(u16::MAX),
+        data: opened.plane.data,
+    };
+    let roi = args.roi.unwrap_or_else(|| even::middle(&frame));
+    let mut channels = Map::new();
+    for (c, name) in names(&frame.cfa).into_iter().enumerate() {
+        let snr = even::snr_db(&frame, c, roi).map_err(|e| e.at(format!("channel {name}")))?;
+        if !args.json {
+            println!("{name}: SNR {} dB", plus_minus(snr));
+        }
+        channels.insert(name, json!({ "snr_db": snr }));
+    }
+    if args.json {
+        println!("{}", json!({ "channels": figure::object(&channels)? }));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+#[derive(ClapArgs)]
 pub struct PatchesArgs {
     #[command(flatten)]
     source: FrameSource,
@@ -220,11 +260,10 @@ pub fn contrast_of(args: &ContrastArgs) -> Result<ExitCode> {
                 d.mean_dn
             );
         }
-        let cta = json!({ "value": found.value, "std_error": found.std_error, "unit": "1" });
         object.insert(
             name,
             json!({
-                "contrast_transfer_accuracy": cta,
+                "contrast_transfer_accuracy": found,
                 "contrast_transfer_accuracy_of_noise": predicted,
                 "contrast": wanted.contrast,
                 "tolerance": wanted.tolerance,
@@ -234,7 +273,7 @@ pub fn contrast_of(args: &ContrastArgs) -> Result<ExitCode> {
         );
     }
     if args.json {
-        println!("{}", json!({ "channels": object }));
+        println!("{}", json!({ "channels": figure::object(&object)? }));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -7,11 +7,10 @@ mod mtf;
 
 pub use frames::{corners, roi};
 
+use camrig_base::Result;
 use camrig_base::output::write_file;
-use camrig_base::{Error, Result};
 use camrig_measure::Value;
 use clap::{Args as ClapArgs, Subcommand};
-use serde_json::Map;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -48,6 +47,14 @@ enum What {
         --report mtf.html\n  \
         camrig measure mtf shots/*.dng --channel g")]
     Mtf(mtf::MtfArgs),
+    /// Signal-to-noise ratio of an even area of one frame, per channel
+    #[command(after_help = "\
+        Noise from pixel to pixel, temporal and fixed, from differences of neighbours of one \
+        colour, so\n\
+        that shading does not count. camrig batch gives the same figure of its uniform scenes.\n\n\
+        Examples:\n  camrig measure snr grey.dng\n  \
+        camrig measure snr grey.dng --roi 100,100,64,64 --json")]
+    Snr(frames::SnrArgs),
     /// Means and standard deviations of ColorChecker patches
     #[command(after_help = "Examples:\n  camrig measure patches chart.dng --json\n\
         Corners: centres of patches 1, 6, 24 and 19 (clockwise from dark skin)")]
@@ -104,6 +111,7 @@ pub fn run(args: Args) -> Result<ExitCode> {
         What::Emva(args) => captures::emva_of(&args),
         What::Dark(args) => dark::dark_of(&args),
         What::Mtf(args) => mtf::mtf_of(&args),
+        What::Snr(args) => frames::snr_of(&args),
         What::Patches(args) => frames::patches_of(&args),
         What::Contrast(args) => frames::contrast_of(&args),
         What::Profile(args) => frames::profile_of(&args),
@@ -112,20 +120,12 @@ pub fn run(args: Args) -> Result<ExitCode> {
     }
 }
 
-/// A value to the two leading digits of its error.
+/// A value to the two leading digits of its error, or to six without one.
 pub fn plus_minus(v: Value) -> String {
+    if v.std_error.is_nan() {
+        return format!("{:.6}", v.value);
+    }
     let digits = if v.std_error > 0.0 { 1 - libm::log10(v.std_error).floor() as i32 } else { 6 };
     let digits = digits.clamp(0, 9) as usize;
     format!("{:.digits$} ± {:.digits$}", v.value, v.std_error)
-}
-
-fn to_json(value: &impl serde::Serialize) -> Result<serde_json::Value> {
-    serde_json::to_value(value).map_err(|e| Error::internal(format!("figures as JSON: {e}")))
-}
-
-fn object(value: &impl serde::Serialize) -> Result<Map<String, serde_json::Value>> {
-    match to_json(value)? {
-        serde_json::Value::Object(map) => Ok(map),
-        _ => Ok(Map::new()),
-    }
 }

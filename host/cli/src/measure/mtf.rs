@@ -4,7 +4,7 @@ use super::frames::{Given, Opened, note_assumed_mono, roi};
 use super::{PageArgs, plus_minus};
 use crate::arguments::positive;
 use camrig_base::{Error, Plane, Result};
-use camrig_measure::Value;
+use camrig_measure::figure;
 use camrig_measure::mtf::{self, Edge, Roi};
 use camrig_report as report;
 use clap::Args as ClapArgs;
@@ -48,9 +48,10 @@ pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
     let files = args.frames.len();
     let more = if files > 1 { format!(" and {} more", files - 1) } else { String::new() };
     let name = format!("{}{more}", args.frames[0].display());
-    args.page.write(|| report::measurement::mtf(&name, &edges, args.pitch_um).html())?;
+    args.page.write(|| report::measurement::mtf(&name, &edges).html())?;
     if args.json {
-        println!("{}", json!({ "edges": edges }));
+        let edges = json!({ "edges": edges });
+        println!("{}", serde_json::Value::Object(figure::object(&edges)?));
     } else {
         edges.iter().for_each(|edge| args.print(edge));
     }
@@ -135,10 +136,9 @@ impl MtfArgs {
 
     /// Prints a line about an edge, with its position where there are several.
     fn print(&self, e: &Edge) {
-        let mtf50 = Value::new(e.mtf50_cycles_per_pixel, e.mtf50_std_error);
-        let per_mm = self.pitch_um.map_or(String::new(), |p| {
-            format!(" ({} cycles/mm)", plus_minus(mtf50.scaled(1e3 / p)))
-        });
+        let per_mm = e
+            .mtf50_cycles_per_mm
+            .map_or(String::new(), |v| format!(" ({} cycles/mm)", plus_minus(v)));
         let place = if self.roi.len() == 1 {
             String::new()
         } else {
@@ -153,8 +153,8 @@ impl MtfArgs {
             "{}{place}: MTF50 {} cycles/pixel{per_mm}, at Nyquist {}, edge at {:.2} degrees\
              {frames}",
             e.channel,
-            plus_minus(mtf50),
-            e.mtf_at_nyquist.map_or("not determined".into(), |v| format!("{v:.3}")),
+            plus_minus(e.mtf50_cycles_per_pixel),
+            e.mtf_at_nyquist.map_or("not determined".into(), plus_minus),
             e.angle_deg
         );
     }

@@ -34,6 +34,7 @@ use camrig_base::{Error, Result};
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames};
 use camrig_light::LightLevel;
+use camrig_measure::dark_stack;
 use camrig_optics::{Device, Options};
 use camrig_render::{self as render, OpticsOutput, OpticsPath, OpticsStage, SimulatedSensor};
 use rayon::prelude::*;
@@ -140,7 +141,7 @@ type DarkKey = (usize, Option<u64>, u64, Option<u64>);
 
 /// Dynamic ranges of channels, dB, by what they depend on: scenes and light levels share them.
 #[derive(Default)]
-struct Darks(BTreeMap<DarkKey, Vec<Option<f64>>>);
+struct Darks(BTreeMap<DarkKey, Vec<camrig_measure::Value>>);
 
 impl Darks {
     fn key(picture: &Picture<'_>) -> DarkKey {
@@ -158,22 +159,23 @@ impl Darks {
     ) -> Result<()> {
         for picture in pictures.iter().filter(|_| sweep.figures.takes_dark()) {
             if let Entry::Vacant(place) = self.0.entry(Self::key(picture)) {
-                let dark = dark_of(sweep, camera, view, picture)
+                let ranges = dynamic_ranges_db(sweep, camera, view, picture)
                     .map_err(|e| e.at(format!("dark frames of picture {}", picture.index)))?;
-                place.insert(dark.dynamic_ranges_db());
+                place.insert(ranges);
             }
         }
         Ok(())
     }
 }
 
-/// Two frames without light, of numbers that no picture of a sweep has.
-fn dark_of(
+/// Dynamic range of each channel, dB, from two frames without light, of numbers that no picture of
+/// a sweep has.
+fn dynamic_ranges_db(
     sweep: &Sweep,
     camera: &Camera,
     view: &OpticsOutput,
     picture: &Picture<'_>,
-) -> Result<figures::Dark> {
+) -> Result<Vec<camrig_measure::Value>> {
     let camera = of_picture(camera, picture);
     let unlit = SimulatedSensor::in_light(&camera, &view.cube.header, 0.0)?;
     let take = |number| {
@@ -189,7 +191,8 @@ fn dark_of(
     };
     let gain = camera.settings(0, picture.exposure_s, picture.analog_gain).analog_gain;
     let dn_per_e = f64::from(unlit.config.dn_per_e(gain));
-    Ok(figures::Dark { frames: [take(u32::MAX)?, take(u32::MAX - 1)?], dn_per_e })
+    let channels = dark_stack::channels_of(&[take(u32::MAX)?, take(u32::MAX - 1)?])?;
+    Ok(channels.iter().map(|c| c.dynamic_range_db(dn_per_e)).collect())
 }
 
 /// The camera with the picture's sensor.
@@ -232,7 +235,7 @@ fn take(
         render::frame_info(&camera, &settings, view.light.as_ref(), &header, sweep.opcodes)?;
     let scene = &picture.scene.name;
     let ranges = darks.0.get(&Darks::key(picture));
-    let figures = figures::of(&frame, ranges.map(Vec::as_slice), &info, scene, &sweep.figures);
+    let figures = figures::of(&frame, ranges.map(Vec::as_slice), &info, scene, &sweep.figures)?;
     let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
     let format = Format::parse(&sweep.files)?;
     let bytes = format.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;

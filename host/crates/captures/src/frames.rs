@@ -39,6 +39,18 @@ enum Samples {
 }
 
 impl StoredFrame {
+    /// A frame that is in memory, of the file or place `path`.
+    pub fn new(plane: Plane<u16>, path: Arc<Path>) -> Self {
+        Self {
+            width: plane.width,
+            height: plane.height,
+            stride: plane.width,
+            origin: [0; 2],
+            path,
+            samples: Samples::Memory(plane.data),
+        }
+    }
+
     /// Fills `out`, a whole number of rows, from row `first` on.
     ///
     /// # Errors
@@ -122,15 +134,8 @@ pub fn open_with_facts(path: &Path) -> Result<(Vec<StoredFrame>, Facts)> {
     if let Some(found) = uncompressed(path, &shared).map_err(|e| e.at(path.display()))? {
         return Ok(found);
     }
-    let frame = |plane: Plane<u16>| StoredFrame {
-        width: plane.width,
-        height: plane.height,
-        stride: plane.width,
-        origin: [0; 2],
-        path: shared.clone(),
-        samples: Samples::Memory(plane.data),
-    };
     let read = read(path)?;
+    let frame = |plane| StoredFrame::new(plane, shared.clone());
     Ok((read.planes.into_iter().map(frame).collect(), read.facts))
 }
 

@@ -8,16 +8,18 @@
 
 use super::codes::Codes;
 use super::copies;
+use super::emva;
 use super::moments::{Moments, SATURATED_SHARE};
 use super::rounding::QUANTISATION;
 use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
 use camrig_base::Value;
-use camrig_base::{Cfa, Error, Plane, Result};
+use camrig_base::{Cfa, Error, Plane, RawFrame, Result};
 use camrig_captures::{Capture, CaptureSet, Role, SensorFacts, open_with_facts};
 use camrig_formats::Facts;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Robust standard deviations above which a pixel is hot: one in 1e9 of a Gaussian pattern.
@@ -48,8 +50,68 @@ pub struct DarkStack {
     pub hot_pixels: Value,
     /// Number of frames.
     pub frames: usize,
+    /// Figures of each channel, by its letter.
+    pub channels: BTreeMap<String, DarkChannel>,
     /// Remarks for people.
     pub notes: Vec<String>,
+}
+
+/// Figures of one channel of a stack of dark frames.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DarkChannel {
+    /// Mean, DN.
+    pub offset_dn: Value,
+    /// Temporal noise of a pixel without rounding, DN; `None` where rounding hides it.
+    pub read_noise_dn: Option<Value>,
+    /// Temporal variance, DN².
+    #[serde(skip)]
+    temporal_dn2: Value,
+    /// Square of the step of the codes, DN².
+    #[serde(skip)]
+    step_dn2: f64,
+    /// Signal at which the samples saturate, DN.
+    #[serde(skip)]
+    largest_dn: Value,
+}
+
+impl DarkChannel {
+    /// Of the moments of a channel, its codes and its white level, DN.
+    fn of(m: &Moments, codes: &Codes, white_dn: u16) -> Self {
+        // A constant frame has no scatter; its mean is still uncertain by rounding.
+        let floor = (codes.quantisation() / (m.pixels() * m.frames as f64)).sqrt();
+        let offset_dn = Value::new(m.mean(), m.mean_error().max(floor));
+        Self {
+            offset_dn,
+            read_noise_dn: read_noise(m, codes),
+            temporal_dn2: Value::new(m.temporal, m.temporal_error),
+            step_dn2: codes.square(),
+            largest_dn: Value::new(f64::from(white_dn) - offset_dn.value, offset_dn.std_error),
+        }
+    }
+
+    /// EMVA 1288's dynamic range, dB, of a converter that saturates at the white level, for the
+    /// system gain K, DN/e⁻.
+    #[must_use]
+    pub fn dynamic_range_db(&self, dn_per_e: f64) -> Value {
+        let gain = Value::new(dn_per_e, 0.0);
+        let range = emva::dynamic_range(self.largest_dn, self.temporal_dn2, self.step_dn2, gain);
+        emva::decibels(range)
+    }
+}
+
+/// The channels of dark frames in memory, in the order of their pattern.
+///
+/// # Errors
+/// Fewer than two frames, or frames of different sizes.
+pub fn channels_of(frames: &[RawFrame]) -> Result<Vec<DarkChannel>> {
+    let stack = Stack::of_frames(frames)?;
+    if stack.frames < 2 {
+        return Err(Error::input("noise is the difference between frames: two at least"));
+    }
+    let (codes, first) = (Codes::of([stack.seen]), &frames[0]);
+    let channels = 0..first.cfa.channels().len();
+    let of = |c| DarkChannel::of(&stack.channel_moments(c), &codes, first.white_level_dn);
+    Ok(channels.map(of).collect())
 }
 
 /// The figures of the frames in `files`, in order of time. The colour filter pattern is `cfa`,
@@ -153,11 +215,15 @@ pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
             (QUANTISATION_LIMITED * codes.square()).sqrt()
         ));
     }
-    // A constant frame has no scatter; its mean is still uncertain by rounding.
-    let floor = (codes.quantisation() / (m.pixels() * m.frames as f64)).sqrt();
+    let of = |m: &Moments| DarkChannel::of(m, &codes, set.sensor.white_level_dn);
+    let letters = set.cfa().channels();
+    let channels = letters.iter().enumerate().map(|(c, letter)| {
+        (letter.to_ascii_lowercase().to_string(), of(&stack.channel_moments(c)))
+    });
     Ok(DarkStack {
-        offset_dn: Value::new(m.mean(), m.mean_error().max(floor)),
+        offset_dn: of(&m).offset_dn,
         read_noise_dn,
+        channels: channels.collect(),
         row_noise_dn,
         column_noise_dn,
         row_fpn_dn: root(fpn.row),

@@ -11,11 +11,13 @@
 //! | [`emva`] | EMVA 1288 release 4.0 |
 //! | [`dark_stack`] | offset and noise of one stack of darks, without any metadata |
 //! | [`gains`], [`rates`] | noise against gain; signal rates of the filter positions |
+//! | [`even`] | signal-to-noise ratio of an even area of one frame |
 //! | [`mtf`] | edge MTF, ISO 12233 |
 //! | [`coupling`], [`correlation`] | correlation of neighbouring pixels |
 //! | [`crosstalk`] | crosstalk against the angle of light |
 //! | [`patches`], [`picture`] | patches of a ColorChecker, raw and developed |
 //! | [`profile`], [`spectrogram`] | profiles and spectra of rows and columns |
+//! | [`figure`] | all of them as JSON, with their units |
 //! | [`compare`] | differences of two sets in standard errors |
 //!
 //! These are built on [`stack`] and [`moments`] (a stack read once in bounded memory), [`ladder`]
@@ -85,6 +87,8 @@ pub mod cut_off;
 pub mod dark;
 pub mod dark_stack;
 pub mod emva;
+pub mod even;
+pub mod figure;
 pub mod fit;
 pub mod gains;
 pub mod ladder;

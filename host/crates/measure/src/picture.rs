@@ -6,7 +6,7 @@
 //! computed in CIELAB relative to D65.
 
 use camrig_base::color::XYZ_FROM_SRGB;
-use camrig_base::{Error, Plane, Result, Spectrum};
+use camrig_base::{Error, Plane, Result, Spectrum, Value};
 use camrig_light::delta_e::{delta_e_2000, lab};
 use camrig_light::{Illuminant, photometry};
 use camrig_scene::chart::colorchecker;
@@ -29,6 +29,27 @@ pub struct Patch {
     pub lab: [f64; 3],
     /// Difference, ΔE2000.
     pub delta_e_2000: f64,
+}
+
+/// Mean and largest difference of patches, ΔE2000.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ColourError {
+    /// Mean over the patches.
+    pub delta_e_2000_mean: Value,
+    /// Largest of the patches.
+    pub delta_e_2000_max: Value,
+}
+
+impl ColourError {
+    /// Of patches. A simulated chart has no standard error of its colours.
+    #[must_use]
+    pub fn of(patches: &[Patch]) -> Self {
+        let all = || patches.iter().map(|p| p.delta_e_2000);
+        Self {
+            delta_e_2000_mean: Value::chosen(all().sum::<f64>() / patches.len() as f64),
+            delta_e_2000_max: Value::chosen(all().fold(0.0, f64::max)),
+        }
+    }
 }
 
 /// Linear value (0 to 1) of an sRGB value (0 to 1), IEC 61966-2-1.

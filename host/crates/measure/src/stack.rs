@@ -9,8 +9,10 @@ use super::cut_off::CutOff;
 use super::moments::Moments;
 use super::site::Site;
 use super::sums::Sums;
-use camrig_base::{Error, Result};
-use camrig_captures::{Batches, Capture, CaptureSet, Role};
+use camrig_base::{Cfa, Error, RawFrame, Result};
+use camrig_captures::{Batches, Capture, CaptureSet, Role, SensorFacts, StoredFrame};
+use std::path::Path;
+use std::sync::Arc;
 
 /// Moments of a stack of frames and, on request, its mean frame.
 #[derive(Clone, Debug)]
@@ -54,18 +56,66 @@ impl Stack {
         Self::stream(set, capture, false)
     }
 
-    fn stream(set: &CaptureSet, capture: &Capture, keep: bool) -> Result<Self> {
-        let (width, height) = (set.sensor.width, set.sensor.height);
-        let cfa = set.cfa();
+    /// The moments of frames in memory, all of one size and pattern.
+    ///
+    /// # Errors
+    /// No frame, frames smaller than two periods of the pattern or of different sizes.
+    pub fn of_frames(frames: &[RawFrame]) -> Result<Self> {
+        let first = frames.first().ok_or_else(|| Error::input("no frames"))?;
+        let size = |f: &RawFrame| (f.width, f.height);
+        if frames.iter().any(|f| size(f) != size(first)) {
+            return Err(Error::disagreement("frames of different sizes"));
+        }
+        let sensor = SensorFacts {
+            width: first.width,
+            height: first.height,
+            bits: first.bits,
+            cfa: Some(first.cfa.clone()),
+            black_level_dn: Some(first.black_level_dn),
+            white_level_dn: first.white_level_dn,
+            pitch_um: None,
+            window: None,
+        };
+        let place: Arc<Path> = Path::new("frames in memory").into();
+        let stored: Vec<StoredFrame> =
+            frames.iter().map(|f| StoredFrame::new(f.plane(), place.clone())).collect();
+        let mut sums = Self::sums(&sensor, &first.cfa)?;
+        sums.add(&stored, &sensor, false, true)?;
+        Ok(Self::of_sums(sums, &first.cfa, None, false))
+    }
+
+    /// Empty sums over the frames of a sensor.
+    fn sums(sensor: &SensorFacts, cfa: &Cfa) -> Result<Sums> {
+        let (width, height) = (sensor.width, sensor.height);
         if width < 2 * cfa.width || height < 2 * cfa.height {
             return Err(Error::limit(format!("frames of {width} x {height} are too small")).help(
                 "measuring needs at least two periods of the filter pattern in each direction",
             ));
         }
+        Ok(Sums::new(width, height, Site::all(cfa), sensor.white_level_dn))
+    }
+
+    fn of_sums(mut sums: Sums, cfa: &Cfa, cut_off: Option<CutOff>, keep: bool) -> Self {
+        let [width, height] = sums.size();
+        Self {
+            width,
+            height,
+            frames: sums.frames,
+            frame_means: sums.frame_means(),
+            moments: sums.moments(),
+            sites: Site::all(cfa),
+            seen: sums.seen,
+            cut_off,
+            marks: std::mem::take(&mut sums.marks),
+            sum: if keep { sums.into_pixel_sums() } else { Vec::new() },
+        }
+    }
+
+    fn stream(set: &CaptureSet, capture: &Capture, keep: bool) -> Result<Self> {
+        let cfa = set.cfa();
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));
         let mut batches = Batches::new(&set.sensor, capture);
-        let sites = Site::all(&cfa);
-        let mut sums = Sums::new(width, height, sites.clone(), set.sensor.white_level_dn);
+        let mut sums = Self::sums(&set.sensor, &cfa)?;
         let mut cut_off = None;
         while !batches.is_empty() {
             let frames = batches.next_batch().map_err(place)?;
@@ -75,19 +125,7 @@ impl Stack {
             let whole = batches.is_empty() && sums.frames == 0;
             sums.add(&frames, &set.sensor, keep || !whole, whole).map_err(place)?;
         }
-        let moments = sums.moments();
-        Ok(Self {
-            width,
-            height,
-            frames: sums.frames,
-            frame_means: sums.frame_means(),
-            moments,
-            sites,
-            seen: sums.seen,
-            cut_off,
-            marks: std::mem::take(&mut sums.marks),
-            sum: if keep { sums.into_pixel_sums() } else { Vec::new() },
-        })
+        Ok(Self::of_sums(sums, &cfa, cut_off, keep))
     }
 
     /// Mean over the frames of a pixel, DN.

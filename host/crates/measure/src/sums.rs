@@ -77,6 +77,11 @@ impl Sums {
         }
     }
 
+    /// Width and height of the frames.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
     /// The pattern's columns and rows.
     fn steps(&self) -> (usize, usize) {
         (self.sites[0].step_x, self.sites[0].step_y)

@@ -31,12 +31,13 @@ pub fn page(camera: &Camera, sheet: &Datasheet) -> String {
         "MTF50, cycles/mm",
         "response at Nyquist",
     ]);
+    let of_value = |v: Value| amount(v.value, Some(v.std_error), "");
     edges.rows(sheet.edges.iter().map(|e| {
         vec![
             e.channel.to_uppercase(),
-            amount(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error), ""),
-            e.mtf50_cycles_per_mm.map_or(String::new(), number),
-            e.mtf_at_nyquist.map_or_else(|| NOT_DETERMINED.into(), number),
+            of_value(e.mtf50_cycles_per_pixel),
+            e.mtf50_cycles_per_mm.map_or(String::new(), of_value),
+            e.mtf_at_nyquist.map_or_else(|| NOT_DETERMINED.into(), of_value),
         ]
     }));
     page.rows(&edges);

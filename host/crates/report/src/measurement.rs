@@ -121,15 +121,15 @@ fn figures(result: &ptc::Ptc) -> Table {
     table
 }
 
-/// The page of slanted edges. `pitch_um` is the side of a pixel, where it is known.
-pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
+/// The page of slanted edges.
+pub fn mtf(name: &str, edges: &[mtf::Edge]) -> Page {
     let mut page = Page::new("Slanted-edge response");
     page.kind("Measurement")
         .subtitle(&format!("{name} · ISO 12233:2023, applied to raw channels"));
     // Of several edges, those nearest the centre.
     let nearest = edges.iter().map(|e| e.field).fold(f64::INFINITY, f64::min);
     let central = edges.iter().filter(|e| e.field == nearest);
-    let cards: Vec<KeyFigure> = central.map(|edge| card(edge, pitch_um)).collect();
+    let cards: Vec<KeyFigure> = central.map(card).collect();
     page.key_figures(&cards);
     page.heading("Response").grid(|page| {
         page.plot(&response(edges)).plot(&spread(edges));
@@ -148,20 +148,16 @@ pub fn mtf(name: &str, edges: &[mtf::Edge], pitch_um: Option<f64>) -> Page {
         "spread between frames, cycles/pixel",
     ]);
     table.rows(edges.iter().zip(names(edges)).map(|(e, name)| {
-        let per_mm = |p: f64| {
-            let factor = 1e3 / p;
-            with_error(factor * e.mtf50_cycles_per_pixel, Some(factor * e.mtf50_std_error))
-        };
+        let of_value = |v: Value| with_error(v.value, Some(v.std_error));
         vec![
             name,
             e.direction.name().into(),
             format!("{:.2}", e.field),
             format!("{:.0}", e.position[0]),
             format!("{:.0}", e.position[1]),
-            with_error(e.mtf50_cycles_per_pixel, Some(e.mtf50_std_error)),
-            pitch_um.map_or_else(|| "unknown pitch".into(), per_mm),
-            e.mtf_at_nyquist
-                .map_or_else(|| NOT_DETERMINED.into(), |v| with_error(v, at_nyquist(e))),
+            of_value(e.mtf50_cycles_per_pixel),
+            e.mtf50_cycles_per_mm.map_or_else(|| "unknown pitch".into(), of_value),
+            e.mtf_at_nyquist.map_or_else(|| NOT_DETERMINED.into(), of_value),
             number(e.angle_deg),
             number(e.levels_dn[0]),
             number(e.levels_dn[1]),
@@ -194,20 +190,14 @@ fn names(edges: &[mtf::Edge]) -> Vec<String> {
     edges.iter().map(name).collect()
 }
 
-fn card(edge: &mtf::Edge, pitch_um: Option<f64>) -> KeyFigure {
-    let (value, error) = (edge.mtf50_cycles_per_pixel, edge.mtf50_std_error);
+fn card(edge: &mtf::Edge) -> KeyFigure {
+    let text = |v: Value, unit| amount(v.value, Some(v.std_error), unit);
     let name = format!("MTF50, {}", capitalised(&edge.channel));
-    let card = KeyFigure::new(&name, &amount(value, Some(error), "cycles/pixel"));
-    match pitch_um.map(|p| 1e3 / p) {
-        Some(per_mm) => card.below(&amount(per_mm * value, Some(per_mm * error), "cycles/mm")),
+    let card = KeyFigure::new(&name, &text(edge.mtf50_cycles_per_pixel, "cycles/pixel"));
+    match edge.mtf50_cycles_per_mm {
+        Some(per_mm) => card.below(&text(per_mm, "cycles/mm")),
         None => card,
     }
-}
-
-/// Standard error of the response at Nyquist.
-fn at_nyquist(edge: &mtf::Edge) -> Option<f64> {
-    let place = edge.curve.partition_point(|p| p[0] < 0.5);
-    edge.curve_std_error.get(place).copied()
 }
 
 fn response(edges: &[mtf::Edge]) -> Plot {

@@ -84,10 +84,9 @@ fn sweep(pitches_um: &[f64], f_numbers: &[f64], lux: &[f64]) -> Vec<Value> {
                     "camera": "mobile", "scene": "x", "lux": lux, "frame": 0, "exposure_s": 0.033,
                     "camera_keys": { "sensor.pitch_um": pitch, "lens.f_number": f_number }
                 });
-                let sharp = json!({
-                    "mtf50_cycles_per_pixel": mtf50, "mtf50_std_error": 0.01 * mtf50
-                });
-                for green in [json!({ "snr_db": snr_db }), sharp] {
+                let figure = |value: f64, std_error: Option<f64>| json!({ "value": value, "std_error": std_error });
+                let sharp = json!({ "mtf50_cycles_per_pixel": figure(mtf50, Some(0.01 * mtf50)) });
+                for green in [json!({ "snr_db": figure(snr_db, None) }), sharp] {
                     records.push(json!({ "parameters": parameters, "channels": { "g": green } }));
                 }
             }
@@ -162,7 +161,7 @@ fn edges() -> String {
     let plane = Plane { width: frame.width, height: frame.height, data: frame.data.clone() };
     let roi = Roi { x: 20, y: 10, width: 80, height: 80 };
     let of = |c| mtf::measure(&plane, &frame.cfa, c, roi, Some(1023), Some(2.2)).unwrap();
-    measurement::mtf("edge.dng", &['R', 'G', 'B'].map(of), Some(2.2)).html()
+    measurement::mtf("edge.dng", &['R', 'G', 'B'].map(of)).html()
 }
 
 fn transfer() -> String {

@@ -114,14 +114,22 @@ pub fn contrast_transfer(
     else {
         return Ok(None);
     };
-    let k = f.linearised_system_gain.unwrap_or(f.overall_system_gain);
+    let (Some(k), Some(capacity_e)) = (small_signal_gain(f), f.saturation_capacity_e) else {
+        return Ok(None);
+    };
+    let (k, read_e) = (k.value, read_e.value);
     let noise = |signal_e: f64| {
-        let fixed = libm::hypot(dsnu_e, 0.01 * prnu_percent * signal_e);
+        let fixed = libm::hypot(dsnu_e.value, 0.01 * prnu_percent.value * signal_e);
         let sd_dn = k * (read_e * read_e + signal_e + fixed * fixed).sqrt();
         Noise { mean_dn: k * signal_e, sd_dn }
     };
-    let below = bright_e < f.saturation_capacity_e;
+    let below = bright_e < capacity_e.value;
     Ok(below.then(|| contrast::of_noise(noise(bright_e), noise(dark_e), black_dn, wanted)))
+}
+
+/// K at small signals where that is determined, else the standard's, DN/e⁻.
+fn small_signal_gain(figures: &emva::Figures) -> Option<Value> {
+    figures.linearised_system_gain.or(figures.overall_system_gain)
 }
 
 /// The camera with the middle of its sensor only.
@@ -169,12 +177,8 @@ fn efficiency(set: &CaptureSet, emva: &emva::Checked) -> Result<Vec<Efficiency>>
             let (f, d) = (&flat.channels[c], &dark.channels[c]);
             let signal =
                 Value::new(f.mean() - d.mean(), libm::hypot(f.mean_error(), d.mean_error()));
-            let k = &channel.figures;
-            let gain = Value::new(
-                k.linearised_system_gain.unwrap_or(k.overall_system_gain),
-                channel.std_errors.overall_system_gain,
-            );
-            signal.over(gain).scaled(1.0 / photons)
+            let gain = small_signal_gain(&channel.figures);
+            gain.map_or(Value::chosen(f64::NAN), |k| signal.over(k).scaled(1.0 / photons))
         };
         let channels = emva.channels.iter().enumerate().map(of).collect();
         out.push(Efficiency { wavelength_nm: light.wavelength_nm.unwrap_or(0.0), channels });
@@ -247,7 +251,7 @@ mod tests {
         }
         let green = &sheet.emva.channels[1].figures;
         let read = camera.sensor.noise.read_e;
-        assert!((green.temporal_dark_noise_e.unwrap() / read - 1.0).abs() < 0.05);
+        assert!((green.temporal_dark_noise_e.unwrap().value / read - 1.0).abs() < 0.05);
         // A contrast of 1 to 1000 e⁻ is 1000 ± 500 e⁻ in a noise of some 60 e⁻; one of 0.1 to
         // 30 e⁻ is 3 ± 1.5 e⁻ in a noise of at least 8 e⁻.
         let cta = |e, k| contrast_transfer(&sheet.emva.channels[1], 64.0, e, k).unwrap();
@@ -256,6 +260,9 @@ mod tests {
         assert!(cta(30.0, 0.1).unwrap() < 0.2);
         assert_eq!(cta(1e6, 1.0), None);
         assert_eq!(sheet.edges.len(), 3);
-        assert!(sheet.edges.iter().all(|e| e.mtf50_std_error < 0.05 * e.mtf50_cycles_per_pixel));
+        assert!(sheet.edges.iter().all(|e| {
+            let mtf50 = e.mtf50_cycles_per_pixel;
+            mtf50.std_error < 0.05 * mtf50.value
+        }));
     }
 }

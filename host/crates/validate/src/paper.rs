@@ -315,12 +315,13 @@ impl Figures {
             xy += (x - mean(0)) * (shift - mean(1));
             xx += (x - mean(0)).powi(2);
         }
-        let mtf50 = model.mtf.mtf50_cycles_per_pixel;
-        let mtf50_std_error = libm::hypot(self.mtf.mtf50_std_error, model.mtf.mtf50_std_error);
+        let [own, mtf50] = [self, model].map(|figures| figures.mtf.mtf50_cycles_per_pixel);
+        let mtf50_std_error = libm::hypot(own.std_error, mtf50.std_error);
         Ok(Differences {
-            mtf50_percent: 100.0 * (self.mtf.mtf50_cycles_per_pixel / mtf50 - 1.0),
-            mtf50_std_error_percent: 100.0 * mtf50_std_error / mtf50,
-            mtf_at_nyquist: [model.mtf.mtf_at_nyquist, self.mtf.mtf_at_nyquist],
+            mtf50_percent: 100.0 * (own.value / mtf50.value - 1.0),
+            mtf50_std_error_percent: 100.0 * mtf50_std_error / mtf50.value,
+            mtf_at_nyquist: [model, self]
+                .map(|figures| figures.mtf.mtf_at_nyquist.map(|v| v.value)),
             luminance_std: [0, 1]
                 .map(|level| Scatter::of(&self.table[level], &model.table[level])),
             brightness_ratio: brightness(&self.table[0]) / brightness(&model.table[0]),

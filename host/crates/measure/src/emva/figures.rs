@@ -2,91 +2,76 @@
 
 use super::profiles::Profiles;
 use crate::spectrogram::{Histogram, Spectrogram};
+use camrig_base::Value;
 use serde::Serialize;
 
-/// The standard's figures of one channel; `None` where the captures do not determine one.
+/// The standard's figures of one channel, with the standard errors that follow from the sampling
+/// errors of means and variances (NaN where there is no estimate); `None` where the captures do not
+/// determine one.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Figures {
     /// Quantum efficiency η, electrons per photon (0 to 1).
-    pub quantum_efficiency: Option<f64>,
+    pub quantum_efficiency: Option<Value>,
     /// System gain K, DN/e⁻.
-    pub overall_system_gain: f64,
+    pub overall_system_gain: Option<Value>,
     /// Responsivity R, DN per photon.
-    pub responsivity_dn_per_photon: Option<f64>,
+    pub responsivity_dn_per_photon: Option<Value>,
     /// Temporal dark noise σ_y.dark, DN.
-    pub temporal_dark_noise_dn: f64,
+    pub temporal_dark_noise_dn: Option<Value>,
     /// Temporal dark noise σ_d, e⁻; `None` where quantisation hides it.
-    pub temporal_dark_noise_e: Option<f64>,
+    pub temporal_dark_noise_e: Option<Value>,
     /// Absolute sensitivity threshold μ_p.min, photons.
-    pub absolute_sensitivity_threshold_p: Option<f64>,
+    pub absolute_sensitivity_threshold_p: Option<Value>,
     /// Absolute sensitivity threshold μ_e.min, e⁻.
-    pub absolute_sensitivity_threshold_e: f64,
+    pub absolute_sensitivity_threshold_e: Option<Value>,
     /// Saturation capacity μ_p.sat, photons.
-    pub saturation_capacity_p: Option<f64>,
+    pub saturation_capacity_p: Option<Value>,
     /// Saturation capacity μ_e.sat, e⁻.
-    pub saturation_capacity_e: f64,
+    pub saturation_capacity_e: Option<Value>,
     /// Signal-to-noise ratio at saturation.
-    pub snr_max: f64,
+    pub snr_max: Option<Value>,
     /// Signal-to-noise ratio at saturation, dB.
-    pub snr_max_db: f64,
+    pub snr_max_db: Option<Value>,
     /// Signal-to-noise ratio at saturation, bits.
-    pub snr_max_bit: f64,
+    pub snr_max_bit: Option<Value>,
     /// Dynamic range: saturation capacity over absolute sensitivity threshold.
-    pub dynamic_range: f64,
+    pub dynamic_range: Option<Value>,
     /// Dynamic range, dB.
-    pub dynamic_range_db: f64,
+    pub dynamic_range_db: Option<Value>,
     /// Dynamic range, bits.
-    pub dynamic_range_bit: f64,
+    pub dynamic_range_bit: Option<Value>,
     /// DSNU1288, e⁻.
-    pub dsnu_1288_e: Option<f64>,
+    pub dsnu_1288_e: Option<Value>,
     /// Row part of DSNU1288, e⁻.
-    pub dsnu_1288_row_e: Option<f64>,
+    pub dsnu_1288_row_e: Option<Value>,
     /// Column part of DSNU1288, e⁻.
-    pub dsnu_1288_column_e: Option<f64>,
+    pub dsnu_1288_column_e: Option<Value>,
     /// Pixel part of DSNU1288, e⁻.
-    pub dsnu_1288_pixel_e: Option<f64>,
+    pub dsnu_1288_pixel_e: Option<Value>,
     /// PRNU1288, per cent.
-    pub prnu_1288_percent: Option<f64>,
+    pub prnu_1288_percent: Option<Value>,
     /// Row part of PRNU1288, per cent.
-    pub prnu_1288_row_percent: Option<f64>,
+    pub prnu_1288_row_percent: Option<Value>,
     /// Column part of PRNU1288, per cent.
-    pub prnu_1288_column_percent: Option<f64>,
+    pub prnu_1288_column_percent: Option<Value>,
     /// Pixel part of PRNU1288, per cent.
-    pub prnu_1288_pixel_percent: Option<f64>,
+    pub prnu_1288_pixel_percent: Option<Value>,
     /// Linearity error LE: mean absolute deviation from the line between 5 and 95 % of saturation,
     /// per cent.
-    pub linearity_error_percent: Option<f64>,
+    pub linearity_error_percent: Option<Value>,
     /// Most negative deviation from the line, per cent.
-    pub linearity_error_min_percent: Option<f64>,
+    pub linearity_error_min_percent: Option<Value>,
     /// Most positive deviation from the line, per cent.
-    pub linearity_error_max_percent: Option<f64>,
+    pub linearity_error_max_percent: Option<Value>,
     /// Dark current from the mean, μ_I.mean, e⁻/s.
-    pub dark_current_mean_e_per_s: Option<f64>,
+    pub dark_current_mean_e_per_s: Option<Value>,
     /// Dark current from the variance, μ_I.var, e⁻/s.
-    pub dark_current_variance_e_per_s: Option<f64>,
+    pub dark_current_variance_e_per_s: Option<Value>,
     /// Temperature interval that doubles the dark current, °C.
-    pub dark_current_doubling_c: Option<f64>,
+    pub dark_current_doubling_c: Option<Value>,
     /// K at small signals, corrected for the curvature of the response, DN/e⁻ (not part of the
     /// standard).
-    pub linearised_system_gain: Option<f64>,
-}
-
-/// Standard errors of the main figures, from the sampling errors of variances and means, in the
-/// figures' units.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct StdErrors {
-    /// Standard error of K.
-    pub overall_system_gain: f64,
-    /// Standard error of η (that of K, which exceeds that of the responsivity by far).
-    pub quantum_efficiency: Option<f64>,
-    /// Standard error of σ_d.
-    pub temporal_dark_noise_e: Option<f64>,
-    /// Standard error of DSNU1288.
-    pub dsnu_1288_e: Option<f64>,
-    /// Standard error of PRNU1288.
-    pub prnu_1288_percent: Option<f64>,
-    /// Standard error of the linearised K.
-    pub linearised_system_gain: Option<f64>,
+    pub linearised_system_gain: Option<Value>,
 }
 
 /// Result for one channel.
@@ -96,14 +81,12 @@ pub struct ChannelEmva {
     #[serde(skip)]
     pub channel: String,
     /// Whether the light reached saturation; otherwise capacity, SNR and dynamic range are lower
-    /// limits.
+    /// limits, or, of fewer levels than a saturation needs, not determined.
     #[serde(skip)]
     pub saturates: bool,
     /// The figures.
     #[serde(flatten)]
     pub figures: Figures,
-    /// Standard errors of the figures.
-    pub std_errors: StdErrors,
     /// Light levels in rising order.
     pub levels: Vec<LevelRow>,
     /// Dark stacks at the flats' temperature.
@@ -126,12 +109,16 @@ pub struct ChannelEmva {
 pub struct LevelRow {
     /// Id of the capture.
     pub id: String,
+    /// Exposure time, s.
+    pub exposure_s: f64,
     /// Photons per pixel.
     pub photons: Option<f64>,
     /// Mean above dark, DN.
     pub signal_dn: f64,
     /// Temporal variance above dark, DN².
     pub variance_dn2: f64,
+    /// Signal over temporal noise, dB.
+    pub snr_db: Option<Value>,
     /// Deviation from the line of the linearity fit, per cent, where the fit covers it.
     pub linearity_deviation_percent: Option<f64>,
 }

@@ -22,7 +22,7 @@ mod spatial;
 mod warnings;
 
 pub use conditions::Conditions;
-pub use figures::{ChannelEmva, DarkRow, Figures, LevelRow, StdErrors};
+pub use figures::{ChannelEmva, DarkRow, Figures, LevelRow};
 pub use profiles::{Profile, Profiles};
 
 use self::spatial::{SpatialPair, spatial_figures};
@@ -32,6 +32,7 @@ use super::copies;
 use super::dark::{self, DarkLine, distinct};
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
+use super::moments::SATURATED_SHARE;
 use super::remarks;
 use super::rounding::QUANTISATION_LIMITED;
 use super::stack::Stack;
@@ -48,21 +49,70 @@ const LINEARITY_RANGE: std::ops::RangeInclusive<f64> = 0.05..=0.95;
 /// Largest temporal dark noise that quantisation can hide, in steps of the codes (DN; eq. 54:
 /// 0.40 DN at a variance below 0.24 DN²).
 const HIDDEN_NOISE_DN: f64 = 0.40;
-/// Fewest light levels: a slope and a saturation need two levels below and one at saturation. The
-/// standard requires 50; fewer cause a warning.
+/// Fewest light levels for a saturation: two below it and one at it. Fewer determine gain, dark
+/// noise and spatial figures. The standard requires 50; fewer cause a warning.
 const MIN_LEVELS: usize = 3;
+/// Standard errors from which K is a gain: by chance, one in 700 of constant noise.
+const SIGNIFICANT_GAIN: f64 = 3.0;
 /// Light levels with which the flat of the spatial figures stays one of them.
 const FEW_LEVELS: usize = 5;
 /// Fewest exposure times of darks for a line (the standard requires six for dark current).
 const DARK_EXPOSURES: usize = 3;
 
-/// Smallest detectable signal, e⁻, for a temporal dark variance (DN²) and the gain `k`: SNR = 1
-/// solved
-/// for the signal (release 4.0, eq. 27; earlier releases omitted the ¼). The variance is not below
-/// what rounding to steps with the square `step_dn2` (DN²) can hide (eq. 53 and 54).
+/// Smallest detectable signal, e⁻, for a temporal dark variance (DN²) and the gain `k` (DN/e⁻):
+/// SNR = 1 solved for the signal (release 4.0, eq. 27; earlier releases omitted the ¼). The
+/// variance is not below what rounding to steps with the square `step_dn2` (DN²) can hide (eq. 53
+/// and 54).
 #[must_use]
-pub fn threshold_e(dark_dn2: f64, step_dn2: f64, k: f64) -> f64 {
-    (dark_dn2.max(QUANTISATION_LIMITED * step_dn2) / (k * k) + 0.25).sqrt() + 0.5
+pub fn threshold_e(dark_dn2: Value, step_dn2: f64, k: Value) -> Value {
+    let Threshold { value, of_dark, of_gain } = Threshold::of(dark_dn2, step_dn2, k.value);
+    let relative = libm::hypot(of_dark * dark_dn2.std_error, of_gain * k.std_error / k.value);
+    Value::new(value, value * relative)
+}
+
+/// Dynamic range: a largest signal (DN) over the smallest detectable one of [`threshold_e`]. The
+/// gain's error nearly cancels.
+#[must_use]
+pub fn dynamic_range(largest_dn: Value, dark_dn2: Value, step_dn2: f64, k: Value) -> Value {
+    let Threshold { value, of_dark, of_gain } = Threshold::of(dark_dn2, step_dn2, k.value);
+    let range = largest_dn.value / k.value / value;
+    let of_signal = largest_dn.std_error / largest_dn.value;
+    let of_gain = (1.0 + of_gain) * k.std_error / k.value;
+    let relative = libm::hypot(libm::hypot(of_signal, of_dark * dark_dn2.std_error), of_gain);
+    Value::new(range, range * relative)
+}
+
+/// A ratio in dB: 20 log₁₀.
+#[must_use]
+pub fn decibels(ratio: Value) -> Value {
+    let db = 20.0 * libm::log10(ratio.value);
+    Value::new(db, 20.0 / std::f64::consts::LN_10 * ratio.std_error / ratio.value)
+}
+
+/// A ratio in bits: its binary logarithm.
+fn bits(ratio: Value) -> Value {
+    let error = ratio.std_error / ratio.value / std::f64::consts::LN_2;
+    Value::new(libm::log2(ratio.value), error)
+}
+
+/// The smallest detectable signal, e⁻, and its relative change by one DN² of the dark variance and
+/// by a relative change of the gain.
+struct Threshold {
+    value: f64,
+    of_dark: f64,
+    of_gain: f64,
+}
+
+impl Threshold {
+    fn of(dark_dn2: Value, step_dn2: f64, k: f64) -> Self {
+        let limit = QUANTISATION_LIMITED * step_dn2;
+        let variance_e2 = dark_dn2.value.max(limit) / (k * k);
+        let root = (variance_e2 + 0.25).sqrt();
+        let value = root + 0.5;
+        let shown = dark_dn2.value > limit;
+        let of_dark = if shown { 0.5 / (k * k) / root / value } else { 0.0 };
+        Self { value, of_dark, of_gain: -variance_e2 / root / value }
+    }
 }
 
 /// Result of the measurement.
@@ -79,7 +129,7 @@ pub struct Checked {
 /// Measures a capture set.
 ///
 /// # Errors
-/// Darks or flats missing, single frames, the same frame twice, fewer than three levels, a black
+/// Darks or flats missing, single frames, the same frame twice, no level below saturation, a black
 /// level or flats that the darks contradict.
 pub fn measure(set: &CaptureSet) -> Result<Checked> {
     let selection = Selection::of(set)?;
@@ -106,12 +156,6 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     };
     let levels: Vec<Level> =
         flats.iter().filter(|(_, l)| in_ladder(&l.id)).map(|f| f.1.clone()).collect();
-    if levels.len() < MIN_LEVELS {
-        return Err(Error::input(format!("{} flat levels", levels.len())).help(
-            "the standard requires 50, from dark to saturation; three are the minimum. \
-                   `measure ptc` gives gain and read noise of one",
-        ));
-    }
     let stacks = match &pair {
         Some(p) => Some((
             dark_stacks.take(set, selection.darks[p.dark])?,
@@ -129,8 +173,7 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
         let name = letter.to_ascii_lowercase().to_string();
         let mut channel = ladder_figures(set, &darks, &levels, c, &name, &mut warnings)
             .map_err(|e| e.at(format!("channel {name}")))?;
-        channel.figures.dark_current_doubling_c =
-            dark::doubling(&darks, &other_darks, c).map(|v| v.value);
+        channel.figures.dark_current_doubling_c = dark::doubling(&darks, &other_darks, c);
         if let (Some(p), Some((dark, flat))) = (&pair, &stacks) {
             let flat = (!p.past[c]).then_some(flat);
             spatial_figures(&mut channel, dark, flat, c, &mut warnings)?;
@@ -190,15 +233,15 @@ struct Steps<'a> {
     levels: &'a [Level],
     channel: usize,
     /// Mean above dark, DN.
-    signal: Vec<f64>,
+    signal: Vec<Value>,
     /// Temporal variance above dark, DN².
     variance: Vec<f64>,
     /// Photons per pixel, where every level has them.
     photons: Option<Vec<f64>>,
     /// Dark variance over exposure time.
     dark: VarianceLine,
-    /// Index of the saturated level.
-    saturation: usize,
+    /// Index of the saturated level; `None` of fewer than [`MIN_LEVELS`].
+    saturation: Option<usize>,
     /// Index of the last level in the range of the photon transfer.
     last: usize,
     /// The codes of the samples.
@@ -209,38 +252,74 @@ impl<'a> Steps<'a> {
     fn of(darks: &[Level], levels: &'a [Level], c: usize) -> Result<Self> {
         let mean = DarkLine::of(darks, c);
         let dark = VarianceLine::of(darks, c);
-        let signal: Vec<f64> = levels
-            .iter()
-            .map(|l| l.channels[c].mean() - mean.mean_at(l.exposure_s).value)
-            .collect();
+        let above = |l: &Level| {
+            let (m, d) = (&l.channels[c], mean.mean_at(l.exposure_s));
+            Value::new(m.mean() - d.value, libm::hypot(m.mean_error(), d.std_error))
+        };
+        let signal: Vec<Value> = levels.iter().map(above).collect();
         let variance: Vec<f64> =
             levels.iter().map(|l| l.channels[c].temporal - dark.at(l.exposure_s)).collect();
         let photons: Option<Vec<f64>> = levels.iter().map(|l| l.photons).collect();
-        let saturation = saturation_index(&levels.iter().collect::<Vec<_>>(), c);
-        let upper = TRANSFER_RANGE * signal[saturation];
-        let last = (0..levels.len()).rev().find(|&i| i <= saturation && signal[i] <= upper);
-        let Some(last) = last.filter(|&i| i >= 1) else {
-            return Err(Error::input("fewer than two levels below 70 % of saturation")
+        let saturation = (levels.len() >= MIN_LEVELS)
+            .then(|| saturation_index(&levels.iter().collect::<Vec<_>>(), c));
+        let below = |i: usize| match saturation {
+            Some(s) => i <= s && signal[i].value <= TRANSFER_RANGE * signal[s].value,
+            None => levels[i].channels[c].whites <= SATURATED_SHARE,
+        };
+        let Some(last) = (0..levels.len()).rev().find(|&i| below(i)) else {
+            let range = if saturation.is_some() { "70 % of " } else { "" };
+            return Err(Error::input(format!("no level below {range}saturation"))
                 .help("add flats between dark and saturation"));
         };
         let codes = ladder::codes(darks, levels);
         Ok(Self { levels, channel: c, signal, variance, photons, dark, saturation, last, codes })
     }
 
-    /// K and its standard error, DN/e⁻.
-    fn gain(&self) -> Result<(f64, f64)> {
-        let signal = &self.signal[..=self.last];
-        let k = slope_through_zero(signal, &self.variance[..=self.last]);
-        if k.is_nan() || k <= 0.0 {
-            return Err(Error::input(format!(
-                "the variance does not grow with the signal (K = {k})"
-            ))
-            .help("check that flats and darks are raw frames of one analog gain"));
+    /// Signals in the range of the photon transfer, DN.
+    fn signals(&self) -> Vec<f64> {
+        self.signal[..=self.last].iter().map(|s| s.value).collect()
+    }
+
+    /// K, DN/e⁻.
+    fn gain(&self) -> Result<Value> {
+        let signal = self.signals();
+        let errors = self.levels[..=self.last].iter().map(|l| {
+            let of_dark = self.dark.error_at(l.exposure_s);
+            libm::hypot(l.channels[self.channel].temporal_error, of_dark)
+        });
+        let sum: f64 = errors.zip(&signal).map(|(e, s)| (e * s).powi(2)).sum();
+        let k = Value::new(
+            slope_through_zero(&signal, &self.variance[..=self.last]),
+            sum.sqrt() / signal.iter().map(|s| s * s).sum::<f64>(),
+        );
+        // Not a number is no gain either.
+        if k.z() > SIGNIFICANT_GAIN {
+            return Ok(k);
         }
-        let errors =
-            self.levels[..=self.last].iter().map(|l| l.channels[self.channel].temporal_error);
-        let sum: f64 = errors.zip(signal).map(|(e, s)| (e * s).powi(2)).sum();
-        Ok((k, sum.sqrt() / signal.iter().map(|s| s * s).sum::<f64>()))
+        Err(Error::input(format!(
+            "the variance does not grow with the signal (K = {:.2e} ± {:.2e} DN/e⁻)",
+            k.value, k.std_error
+        ))
+        .help(
+            "check that flats and darks are raw frames of one analog gain, and that the flats are \
+             not saturated; of small frames, take more",
+        ))
+    }
+
+    /// Responsivity, DN per photon.
+    fn responsivity(&self) -> Option<Value> {
+        let photons = &self.photons.as_ref()?[..=self.last];
+        let error = self.signal.iter().zip(photons).map(|(s, p)| (s.std_error * p).powi(2));
+        let error = error.sum::<f64>().sqrt() / photons.iter().map(|p| p * p).sum::<f64>();
+        Some(Value::new(slope_through_zero(photons, &self.signals()), error))
+    }
+
+    /// Signal over temporal noise of a level, dB (section 2.6).
+    fn snr_db(&self, level: usize) -> Option<Value> {
+        let m = &self.levels[level].channels[self.channel];
+        let noise = Value::new(m.temporal, m.temporal_error).sqrt()?;
+        let signal = self.signal[level];
+        (signal.value > 0.0).then(|| decibels(signal.over(noise)))
     }
 
     /// Dark variance below which quantisation hides the dark noise, DN².
@@ -249,68 +328,84 @@ impl<'a> Steps<'a> {
     }
 
     /// The figures that follow from signals, variances and photons for a gain of `k`.
-    fn figures(&self, k: f64) -> Figures {
-        let photons = self.photons.as_ref();
-        let responsivity =
-            photons.map(|p| slope_through_zero(&p[..=self.last], &self.signal[..=self.last]));
-        let efficiency = responsivity.map(|r| r / k);
-        let limit = self.quantisation_limit();
-        let dark_dn2 = self.dark.at_zero.max(limit);
-        let hidden = self.dark.at_zero < limit;
-        let threshold_e = threshold_e(self.dark.at_zero, self.codes.square(), k);
-        let saturation_p = photons.map(|p| p[self.saturation]);
-        let saturation_e = match (efficiency, saturation_p) {
-            (Some(eta), Some(p)) => eta * p,
-            _ => self.signal[self.saturation] / k,
-        };
-        let snr = saturation_e.sqrt();
-        let range = saturation_e / threshold_e;
+    fn figures(&self, k: Value) -> Figures {
+        let responsivity = self.responsivity();
+        let efficiency = responsivity.map(|r| r.over(k));
+        let (limit, dark) = (self.quantisation_limit(), self.dark.at_zero);
+        let shown = Some(dark).filter(|d| d.value >= limit);
+        let resolved = shown
+            .and_then(|d| Value::new(d.value - self.codes.quantisation(), d.std_error).sqrt());
+        let threshold = threshold_e(dark, self.codes.square(), k);
+        let photons = self.photons.as_ref().zip(self.saturation).map(|(p, s)| p[s]);
+        let saturation_e = self.saturation.map(|s| match (efficiency, photons) {
+            (Some(eta), Some(p)) => eta.scaled(p),
+            _ => self.signal[s].over(k),
+        });
+        let snr = saturation_e.and_then(Value::sqrt);
+        let range =
+            saturation_e.map(|e| dynamic_range(e.scaled(k.value), dark, self.codes.square(), k));
         Figures {
             quantum_efficiency: efficiency,
-            overall_system_gain: k,
+            overall_system_gain: Some(k),
             responsivity_dn_per_photon: responsivity,
-            temporal_dark_noise_dn: dark_dn2.sqrt(),
-            temporal_dark_noise_e: (!hidden)
-                .then(|| (dark_dn2 - self.codes.quantisation()).sqrt() / k),
-            absolute_sensitivity_threshold_p: efficiency.map(|eta| threshold_e / eta),
-            absolute_sensitivity_threshold_e: threshold_e,
-            saturation_capacity_p: saturation_p,
+            temporal_dark_noise_dn: match shown {
+                Some(dark) => dark.sqrt(),
+                None => Some(Value::chosen(limit.sqrt())),
+            },
+            temporal_dark_noise_e: resolved.map(|noise| noise.over(k)),
+            absolute_sensitivity_threshold_p: efficiency.map(|eta| threshold.over(eta)),
+            absolute_sensitivity_threshold_e: Some(threshold),
+            saturation_capacity_p: photons.map(Value::chosen),
             saturation_capacity_e: saturation_e,
             snr_max: snr,
-            snr_max_db: 20.0 * libm::log10(snr),
-            snr_max_bit: libm::log2(snr),
+            snr_max_db: snr.map(decibels),
+            snr_max_bit: snr.map(bits),
             dynamic_range: range,
-            dynamic_range_db: 20.0 * libm::log10(range),
-            dynamic_range_bit: libm::log2(range),
+            dynamic_range_db: range.map(decibels),
+            dynamic_range_bit: range.map(bits),
             ..Figures::default()
         }
     }
 
-    /// Deviation of every level from the straight line, per cent; fills in the linearity errors.
-    fn linearity(&self, figures: &mut Figures) -> Option<Vec<f64>> {
-        let deviations = linearity(self.photons.as_ref()?, &self.signal, self.saturation)?;
+    /// Deviation of every level from the straight line over `light`, per cent; fills in the
+    /// linearity errors.
+    fn linearity(&self, light: Option<&[f64]>, figures: &mut Figures) -> Option<Vec<f64>> {
+        let signal: Vec<f64> = self.signal.iter().map(|s| s.value).collect();
+        let deviations = linearity(light?, &signal, self.saturation?)?;
         let inside: Vec<f64> = deviations.iter().filter(|d| d.1).map(|d| d.0).collect();
         if !inside.is_empty() {
-            let absolute = inside.iter().map(|d| d.abs()).sum::<f64>();
-            figures.linearity_error_percent = Some(absolute / inside.len() as f64);
-            figures.linearity_error_min_percent =
-                Some(inside.iter().copied().fold(f64::MAX, f64::min));
-            figures.linearity_error_max_percent =
-                Some(inside.iter().copied().fold(f64::MIN, f64::max));
+            let absolute = inside.iter().map(|d| d.abs()).sum::<f64>() / inside.len() as f64;
+            let ends = [(f64::MAX, f64::min as fn(f64, f64) -> f64), (f64::MIN, f64::max)];
+            let [least, most] = ends.map(|(start, end)| inside.iter().copied().fold(start, end));
+            figures.linearity_error_percent = Some(Value::chosen(absolute));
+            figures.linearity_error_min_percent = Some(Value::chosen(least));
+            figures.linearity_error_max_percent = Some(Value::chosen(most));
         }
         Some(deviations.into_iter().map(|d| d.0).collect())
     }
 
     /// Dark current of a gain of `k` from the means and from the variances of the darks, e⁻/s.
-    fn dark_current(&self, darks: &[Level], k: f64) -> (Option<f64>, Option<f64>) {
+    fn dark_current(&self, darks: &[Level], k: Value) -> [Option<Value>; 2] {
         let exposures: Vec<f64> = darks.iter().map(|d| d.exposure_s).collect();
         if distinct(&exposures) < DARK_EXPOSURES {
-            return (None, None);
+            return [None, None];
         }
-        let means: Vec<f64> = darks.iter().map(|d| d.channels[self.channel].mean()).collect();
-        let variance = self.dark.slope.map(|s| s / (k * k)).filter(|v| *v >= 0.0);
-        (line(&exposures, &means).map(|l| l.1 / k), variance)
+        let moments = darks.iter().map(|d| &d.channels[self.channel]);
+        let means: Vec<Value> = moments.map(|m| Value::new(m.mean(), m.mean_error())).collect();
+        let variance = self.dark.slope.map(|s| s.over(k).over(k)).filter(|v| v.value >= 0.0);
+        [line(&exposures, &means).map(|l| l.slope.over(k)), variance]
     }
+}
+
+/// What the levels' linearity is measured against: photons, or exposure times of one light.
+pub(super) fn light_of(levels: &[Level]) -> Option<Vec<f64>> {
+    if let Some(photons) = levels.iter().map(|l| l.photons).collect() {
+        return Some(photons);
+    }
+    let first = levels.first()?;
+    let times: Vec<f64> = levels.iter().map(|l| l.exposure_s).collect();
+    let same = levels.iter().all(|l| l.light == first.light);
+    (same && distinct(&times) == levels.len()).then_some(times)
 }
 
 /// The figures of one channel that come from light levels and darks.
@@ -323,49 +418,40 @@ fn ladder_figures(
     warnings: &mut Vec<String>,
 ) -> Result<ChannelEmva> {
     let steps = Steps::of(darks, levels, c)?;
-    let saturates = steps.saturation + 1 < levels.len();
-    if !saturates {
+    let saturates = steps.saturation.is_some_and(|s| s + 1 < levels.len());
+    if !saturates && steps.saturation.is_some() {
         warnings.push(format!(
             "channel {name}: saturation was not reached: capacity, SNR and dynamic range are \
              lower limits"
         ));
     }
-    let (k, k_error) = steps.gain()?;
+    let k = steps.gain()?;
     let mut figures = steps.figures(k);
     if figures.temporal_dark_noise_e.is_none() {
         warnings.push(format!(
             "channel {name}: the dark variance ({:.3} DN²) is below {:.2} DN²: quantisation hides \
              the dark noise, whose upper limit is {:.2} e⁻",
-            steps.dark.at_zero,
+            steps.dark.at_zero.value,
             steps.quantisation_limit(),
-            HIDDEN_NOISE_DN * steps.codes.step_dn / k
+            HIDDEN_NOISE_DN * steps.codes.step_dn / k.value
         ));
     }
-    let deviations = steps.linearity(&mut figures);
-    (figures.dark_current_mean_e_per_s, figures.dark_current_variance_e_per_s) =
+    let deviations = steps.linearity(light_of(levels).as_deref(), &mut figures);
+    [figures.dark_current_mean_e_per_s, figures.dark_current_variance_e_per_s] =
         steps.dark_current(darks, k);
     let transfer = whole_transfer(set, darks, levels, c).ok();
     if let Some(t) = &transfer {
-        curvature_warnings(t, k, k_error, name, warnings);
+        curvature_warnings(t, k, name, warnings);
     }
-    figures.linearised_system_gain = transfer.as_ref().map(|t| t.gain.value);
-    let std_errors = StdErrors {
-        overall_system_gain: k_error,
-        quantum_efficiency: figures.quantum_efficiency.map(|eta| eta * k_error / k),
-        temporal_dark_noise_e: transfer
-            .as_ref()
-            .and_then(Transfer::read_noise)
-            .map(|v| v.std_error),
-        linearised_system_gain: transfer.as_ref().map(|t| t.gain.std_error),
-        ..StdErrors::default()
-    };
-    let efficiency = figures.quantum_efficiency.zip(std_errors.quantum_efficiency);
-    warnings.extend(efficiency.and_then(|(v, e)| remarks::efficiency(name, Value::new(v, e))));
+    figures.linearised_system_gain = transfer.as_ref().map(|t| t.gain);
+    warnings.extend(figures.quantum_efficiency.and_then(|v| remarks::efficiency(name, v)));
     let rows = (0..levels.len()).map(|i| LevelRow {
         id: levels[i].id.clone(),
+        exposure_s: levels[i].exposure_s,
         photons: levels[i].photons,
-        signal_dn: steps.signal[i],
+        signal_dn: steps.signal[i].value,
         variance_dn2: steps.variance[i],
+        snr_db: steps.snr_db(i),
         linearity_deviation_percent: deviations.as_ref().map(|d| d[i]),
     });
     let dark_rows = darks.iter().map(|d| DarkRow {
@@ -377,7 +463,6 @@ fn ladder_figures(
         channel: name.to_owned(),
         saturates,
         figures,
-        std_errors,
         levels: rows.collect(),
         darks: dark_rows.collect(),
         spectrogram_dark: None,
@@ -414,44 +499,71 @@ fn whole_transfer(
 /// more exposure times, else the variance of the shortest exposure.
 struct VarianceLine {
     /// Exposure time s, variance DN².
-    points: Vec<(f64, f64)>,
+    points: Vec<(f64, Value)>,
     /// Variance at zero exposure, DN².
-    at_zero: f64,
+    at_zero: Value,
     /// DN²/s.
-    slope: Option<f64>,
+    slope: Option<Value>,
 }
 
 impl VarianceLine {
     fn of(darks: &[Level], c: usize) -> Self {
-        let mut points: Vec<(f64, f64)> =
-            darks.iter().map(|d| (d.exposure_s, d.channels[c].temporal)).collect();
+        let variance =
+            |d: &Level| Value::new(d.channels[c].temporal, d.channels[c].temporal_error);
+        let mut points: Vec<(f64, Value)> =
+            darks.iter().map(|d| (d.exposure_s, variance(d))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (t, v): (Vec<f64>, Vec<f64>) = points.iter().copied().unzip();
+        let (t, v): (Vec<f64>, Vec<Value>) = points.iter().copied().unzip();
         let fitted = (distinct(&t) >= DARK_EXPOSURES).then(|| line(&t, &v)).flatten();
-        Self { at_zero: fitted.map_or(points[0].1, |l| l.0), slope: fitted.map(|l| l.1), points }
+        let at_zero = fitted.as_ref().map_or(points[0].1, |l| l.at_zero);
+        Self { at_zero, slope: fitted.map(|l| l.slope), points }
+    }
+
+    /// Variances of the exposure time.
+    fn same(&self, exposure_s: f64) -> Vec<Value> {
+        let same = |p: &&(f64, Value)| (p.0 / exposure_s - 1.0).abs() < SAME_EXPOSURE;
+        self.points.iter().filter(same).map(|p| p.1).collect()
     }
 
     fn at(&self, exposure_s: f64) -> f64 {
-        let same: Vec<f64> = self
-            .points
-            .iter()
-            .filter(|p| (p.0 / exposure_s - 1.0).abs() < SAME_EXPOSURE)
-            .map(|p| p.1)
-            .collect();
+        let same = self.same(exposure_s);
         match (same.len(), self.slope) {
-            (0, Some(slope)) => self.at_zero + slope * exposure_s,
-            (0, None) => self.at_zero,
-            (n, _) => same.iter().sum::<f64>() / n as f64,
+            (0, Some(slope)) => self.at_zero.value + slope.value * exposure_s,
+            (0, None) => self.at_zero.value,
+            (n, _) => same.iter().map(|v| v.value).sum::<f64>() / n as f64,
+        }
+    }
+
+    /// Standard error of [`at`](Self::at), DN²; on the line, that at zero exposure.
+    fn error_at(&self, exposure_s: f64) -> f64 {
+        let same = self.same(exposure_s);
+        match same.len() {
+            0 => self.at_zero.std_error,
+            n => same.iter().map(|v| v.std_error.powi(2)).sum::<f64>().sqrt() / n as f64,
         }
     }
 }
 
-/// Unweighted straight line: value at zero and slope.
-fn line(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
-    let data: Vec<_> =
-        x.iter().zip(y).map(|(&x, &y)| (vec![1.0, x], Value::new(y, 1.0))).collect();
-    let fit = Fit::new(&data).ok()?;
-    Some((fit.coefficients[0], fit.coefficients[1]))
+/// An unweighted straight line, as the standard fits it, with the errors that follow from those of
+/// its points.
+struct Line {
+    at_zero: Value,
+    slope: Value,
+}
+
+fn line(x: &[f64], y: &[Value]) -> Option<Line> {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    let square: f64 = x.iter().map(|x| (x - mean).powi(2)).sum();
+    let of = |weight: &dyn Fn(f64) -> f64| {
+        let terms = || x.iter().zip(y).map(|(x, y)| y.scaled(weight(*x)));
+        let error = terms().map(|t| t.std_error.powi(2)).sum::<f64>().sqrt();
+        Value::new(terms().map(|t| t.value).sum(), error)
+    };
+    (square > 0.0).then(|| Line {
+        at_zero: of(&|x| 1.0 / n - mean * (x - mean) / square),
+        slope: of(&|x| (x - mean) / square),
+    })
 }
 
 /// Deviation of every level from a straight line, per cent, and whether the level lies between 5

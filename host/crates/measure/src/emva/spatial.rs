@@ -114,7 +114,7 @@ const CONTRADICTS: f64 = 3.0;
 /// total (release 4.0, section 8.2). The estimate of a part smaller than its error can be
 /// negative: it is not determined, and the others are scaled to the total. A significantly
 /// negative part contradicts the total, and none is determined.
-fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<f64>; 3] {
+fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<Value>; 3] {
     let contradicted = parts.iter().any(|v| v.value < -CONTRADICTS * v.std_error);
     if total <= 0.0 || contradicted {
         return [None; 3];
@@ -122,7 +122,7 @@ fn parts_of(total: f64, parts: &[Value; 3]) -> [Option<f64>; 3] {
     let positive: f64 = parts.iter().map(|v| v.value.max(0.0)).sum();
     let whole = parts.iter().all(|v| v.value > 0.0);
     let share = if whole { 1.0 } else { total / positive };
-    std::array::from_fn(|i| (parts[i].value > 0.0).then_some(parts[i].value * share))
+    parts.map(|part| (part.value > 0.0).then(|| part.scaled(share)))
 }
 
 /// A warning on the parts of a figure that are not determined.
@@ -131,7 +131,7 @@ fn parts_warning(
     name: &str,
     frames: usize,
     total: f64,
-    parts: &[Option<f64>; 3],
+    parts: &[Option<Value>; 3],
 ) -> Option<String> {
     if total <= 0.0 {
         return Some(format!(
@@ -199,17 +199,15 @@ pub(super) fn spatial_figures(
 /// Fills in DSNU1288 and its parts.
 fn dsnu_figures(out: &mut ChannelEmva, dark: &Stack, c: usize, warnings: &mut Vec<String>) {
     let spatial = dark.channel_moments(c).spatial();
-    let k = out.figures.overall_system_gain;
-    let dsnu = |v: f64| v.sqrt() / k;
+    let figures = &mut out.figures;
+    let Some(k) = figures.overall_system_gain else { return };
+    let dsnu = |v: Value| Some(v.sqrt()?.over(k));
     let total = spatial.total.value;
     let parts = parts_of(total, &[spatial.row, spatial.column, spatial.pixel]);
     warnings.extend(parts_warning("DSNU1288", &out.channel, dark.frames, total, &parts));
-    let figures = &mut out.figures;
-    figures.dsnu_1288_e = (total > 0.0).then(|| dsnu(total));
+    figures.dsnu_1288_e = dsnu(spatial.total);
     [figures.dsnu_1288_row_e, figures.dsnu_1288_column_e, figures.dsnu_1288_pixel_e] =
-        parts.map(|v| v.map(dsnu));
-    out.std_errors.dsnu_1288_e =
-        figures.dsnu_1288_e.map(|s| 0.5 * spatial.total.std_error / (s * k * k));
+        parts.map(|v| v.and_then(dsnu));
 }
 
 /// Fills in PRNU1288 and its parts.
@@ -223,7 +221,7 @@ fn prnu_figures(
     let (d, f) = (dark.channel_moments(c), flat.channel_moments(c));
     let (ds, fs) = (d.spatial(), f.spatial());
     let signal = f.mean() - d.mean();
-    let prnu = |v: f64| 100.0 * v.sqrt() / signal;
+    let prnu = |v: Value| Some(v.sqrt()?.scaled(100.0 / signal));
     let above =
         |f: Value, d: Value| Value::new(f.value - d.value, libm::hypot(f.std_error, d.std_error));
     let total = above(fs.total, ds.total);
@@ -232,14 +230,12 @@ fn prnu_figures(
     let frames = flat.frames.min(dark.frames);
     warnings.extend(parts_warning("PRNU1288", &out.channel, frames, total.value, &parts));
     let figures = &mut out.figures;
-    figures.prnu_1288_percent = (total.value > 0.0).then(|| prnu(total.value));
+    figures.prnu_1288_percent = prnu(total);
     [
         figures.prnu_1288_row_percent,
         figures.prnu_1288_column_percent,
         figures.prnu_1288_pixel_percent,
-    ] = parts.map(|v| v.map(prnu));
-    out.std_errors.prnu_1288_percent =
-        figures.prnu_1288_percent.map(|p| 0.5 * total.std_error * (100.0 / signal).powi(2) / p);
+    ] = parts.map(|v| v.and_then(prnu));
 }
 
 #[cfg(test)]
@@ -248,8 +244,9 @@ mod tests {
 
     #[test]
     fn parts_make_up_the_total_and_none_is_above_it() {
-        let of =
-            |total: f64, values: [f64; 3]| parts_of(total, &values.map(|v| Value::new(v, 1.0)));
+        let of = |total: f64, values: [f64; 3]| {
+            parts_of(total, &values.map(|v| Value::new(v, 1.0))).map(|v| v.map(|v| v.value))
+        };
         // As split: the sum is the total, parts may be negative.
         assert_eq!(of(9.0, [4.0, 3.0, 2.0]), [Some(4.0), Some(3.0), Some(2.0)]);
         // 13 + 1 - 2 = 12: the two that are left are 12 together, in their proportion.
@@ -260,15 +257,16 @@ mod tests {
         assert_eq!(of(-1.0, [3.0, -2.0, -2.0]), [None; 3]);
         assert_eq!(of(6.0, [9.0, 1.0, -4.0]), [None; 3]);
 
+        let one = Some(Value::new(0.3, 0.1));
         let warning = parts_warning("DSNU1288", "m", 4, 6.0, &[None; 3]).unwrap();
         assert!(warning.contains("the parts of DSNU1288 are not determined"), "{warning}");
-        let warning = parts_warning("DSNU1288", "m", 4, 12.0, &[Some(11.0), None, None]).unwrap();
+        let warning = parts_warning("DSNU1288", "m", 4, 12.0, &[one, None, None]).unwrap();
         assert!(warning.contains("the column and pixel parts of DSNU1288 are not determined"));
         let warning = parts_warning("PRNU1288", "m", 4, -1.0, &[None; 3]).unwrap();
         assert!(
             warning.contains("PRNU1288 is not determined") && warning.contains("4 frames"),
             "{warning}"
         );
-        assert_eq!(parts_warning("PRNU1288", "m", 4, 1.0, &[Some(0.3); 3]), None);
+        assert_eq!(parts_warning("PRNU1288", "m", 4, 1.0, &[one; 3]), None);
     }
 }

@@ -1,12 +1,12 @@
 //! Warnings where captures or a sensor do not meet the standard's assumptions or requirements.
 
-use super::{DARK_EXPOSURES, SpatialPair};
+use super::{DARK_EXPOSURES, MIN_LEVELS, SpatialPair, light_of};
 use crate::correlation::NoiseCorrelation;
 use crate::ladder::{self, Level, Selection};
 use crate::remarks;
 use crate::stack::Stack;
 use crate::transfer::Transfer;
-use camrig_base::Result;
+use camrig_base::{Result, Value};
 use camrig_captures::{Capture, CaptureSet};
 
 /// Light levels that the standard requires.
@@ -44,10 +44,11 @@ pub(super) fn set_warnings(
     if levels.len() < LEVELS {
         out.push(format!("{} light levels; the standard requires at least 50", levels.len()));
     }
-    if levels.iter().any(|l| l.photons.is_none()) {
+    out.extend(without_photons(levels));
+    if levels.len() < MIN_LEVELS {
         out.push(
-            "the photons per pixel are unknown (photons_per_pixel_per_s, or irradiance_w_m2 \
-             with wavelength_nm and pitch_um): no quantum efficiency, responsivity or linearity"
+            "fewer than three light levels: no saturation, and so no saturation capacity, maximum \
+             SNR, dynamic range or linearity; add flats up to saturation"
                 .into(),
         );
     }
@@ -88,6 +89,25 @@ pub(super) fn set_warnings(
     out
 }
 
+/// What levels of unknown photons do not determine.
+fn without_photons(levels: &[Level]) -> Option<String> {
+    if levels.iter().all(|l| l.photons.is_some()) {
+        return None;
+    }
+    let linearity = match light_of(levels) {
+        _ if levels.len() < MIN_LEVELS => "no quantum efficiency or responsivity",
+        Some(_) => {
+            "no quantum efficiency or responsivity, and the linearity is that over exposure time, \
+             right if the light was steady"
+        }
+        None => "no quantum efficiency, responsivity or linearity",
+    };
+    Some(format!(
+        "the photons per pixel are unknown (photons_per_pixel_per_s, or irradiance_w_m2 with \
+         wavelength_nm and pitch_um): {linearity}"
+    ))
+}
+
 /// Smallest correlation coefficient that causes a warning: it biases K by four times its value,
 /// here about 1 %.
 const MIN_CORRELATION: f64 = 0.002;
@@ -117,16 +137,10 @@ pub(super) fn correlation_warning(
 }
 
 /// Warnings about a nonlinear response, and about noise that is not shot noise.
-pub(super) fn curvature_warnings(
-    t: &Transfer,
-    k: f64,
-    k_error: f64,
-    name: &str,
-    warnings: &mut Vec<String>,
-) {
-    let bias = k / t.gain.value - 1.0;
+pub(super) fn curvature_warnings(t: &Transfer, k: Value, name: &str, warnings: &mut Vec<String>) {
+    let bias = k.value / t.gain.value - 1.0;
     let significant =
-        (k - t.gain.value).abs() > SIGNIFICANT * libm::hypot(k_error, t.gain.std_error);
+        (k.value - t.gain.value).abs() > SIGNIFICANT * libm::hypot(k.std_error, t.gain.std_error);
     if let Some(r) = &t.response
         && bias.abs() > MIN_BIAS
         && significant

@@ -124,11 +124,10 @@ pub struct Edge {
     pub channel: String,
     /// Angle between the edge and the pixel columns (for a horizontal edge, the rows), degrees.
     pub angle_deg: f64,
-    /// MTF50: frequency where the response falls to one half, cycles per pixel.
-    pub mtf50_cycles_per_pixel: f64,
-    /// Standard error of MTF50, cycles per pixel: the largest of those from the noise of the sides,
-    /// from blocks of rows and, for several frames, from the frames.
-    pub mtf50_std_error: f64,
+    /// MTF50: frequency where the response falls to one half, cycles per pixel. Its standard error
+    /// is the largest of those from the noise of the sides, from blocks of rows and, for several
+    /// frames, from the frames.
+    pub mtf50_cycles_per_pixel: Value,
     /// Standard deviation of MTF50 between frames, cycles per pixel; `None` for one frame.
     pub mtf50_frame_spread: Option<f64>,
     /// Number of frames.
@@ -142,10 +141,10 @@ pub struct Edge {
     /// Distance of it over half the frame's diagonal: field, 0 in the centre and 1 in a corner.
     pub field: f64,
     /// MTF50 in cycles per millimetre, where the pitch is known.
-    pub mtf50_cycles_per_mm: Option<f64>,
+    pub mtf50_cycles_per_mm: Option<Value>,
     /// Response at 0.5 cycles per pixel; `None` where the curve ends before, as for sparsely
     /// sampled channels.
-    pub mtf_at_nyquist: Option<f64>,
+    pub mtf_at_nyquist: Option<Value>,
     /// (cycles per pixel, response) from 0 to 1 cycle per pixel, or as far as the samples allow.
     pub curve: Vec<[f64; 2]>,
     /// Standard error of each response of the curve.
@@ -215,8 +214,7 @@ pub fn measure_frames(
     let parts: Vec<Sfr> =
         (0..BLOCKS).filter_map(|block| edges.response(Some(block)).ok()).collect();
     let rows = jackknife(&parts.iter().filter_map(|p| p.crossing(0.5)).collect::<Vec<_>>());
-    let of_curve =
-        |p: &[f64; 2]| jackknife(&parts.iter().filter_map(|s| s.at(p[0])).collect::<Vec<_>>());
+    let error_at = |f: f64| jackknife(&parts.iter().filter_map(|s| s.at(f)).collect::<Vec<_>>());
     let mtf50_frame_spread = edges.frame_spread()?;
     let between = mtf50_frame_spread.map_or(0.0, |s| s / (frames.len() as f64).sqrt());
     let rounded = edges.rounding(&sfr, mtf50);
@@ -233,17 +231,16 @@ pub fn measure_frames(
     Ok(Edge {
         channel: channel.to_ascii_lowercase().to_string(),
         angle_deg: libm::atan(first.line.slope_at_middle()).to_degrees(),
-        mtf50_cycles_per_pixel: mtf50.value,
-        mtf50_std_error: mtf50.std_error,
+        mtf50_cycles_per_pixel: mtf50,
         mtf50_frame_spread,
         frames: frames.len(),
         roi,
         direction: if first.near_rows { Direction::Vertical } else { Direction::Horizontal },
         position,
         field: libm::hypot(position[0], position[1]) / libm::hypot(half[0], half[1]),
-        mtf50_cycles_per_mm: pitch_um.map(|p| mtf50.value / (p * 1e-3)),
-        mtf_at_nyquist: sfr.at(0.5),
-        curve_std_error: sfr.curve.iter().map(of_curve).collect(),
+        mtf50_cycles_per_mm: pitch_um.map(|p| mtf50.scaled(1e3 / p)),
+        mtf_at_nyquist: sfr.at(0.5).map(|v| Value::new(v, error_at(0.5))),
+        curve_std_error: sfr.curve.iter().map(|p| error_at(p[0])).collect(),
         curve: sfr.curve,
         spread: sfr.spread,
         levels_dn: edges.levels,

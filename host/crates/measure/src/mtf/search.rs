@@ -38,7 +38,7 @@ pub fn find_edges(
         };
         let roi = at([start(centre[0], frame.width), start(centre[1], frame.height)]);
         let edge = measure(frame, cfa, channel, roi, white_level_dn, None).ok()?;
-        let error = edge.mtf50_std_error / edge.mtf50_cycles_per_pixel;
+        let error = edge.mtf50_cycles_per_pixel.std_error / edge.mtf50_cycles_per_pixel.value;
         Some((roi, edge.levels_dn[1] - edge.levels_dn[0], error))
     };
     let mut found: Vec<(Roi, f64, f64)> = places.par_iter().filter_map(look).collect();

@@ -112,7 +112,7 @@ fn theory_within_one_per_cent() {
             assert!((expected / golden - 1.0).abs() < 2e-3, "{expected} {golden}");
             let image = frame(100, 160, &edge(100, 160, f_number, pitch, 5.0));
             let e = measure(&image, &mono(), 'M', whole(&image), None, Some(pitch)).unwrap();
-            let found = e.mtf50_cycles_per_mm.unwrap();
+            let found = e.mtf50_cycles_per_mm.unwrap().value;
             println!(
                 "f/{f_number} {pitch} um: {found:.2} theory {golden} {:+.2} %, angle {:.3}",
                 100.0 * (found / golden - 1.0),
@@ -138,7 +138,8 @@ fn error_covers_the_noise() {
             .collect();
         let image = frame(80, 120, &noisy);
         let e = measure(&image, &mono(), 'M', whole(&image), None, None).unwrap();
-        let z = (e.mtf50_cycles_per_pixel - expected) / e.mtf50_std_error;
+        let mtf50 = e.mtf50_cycles_per_pixel;
+        let z = (mtf50.value - expected) / mtf50.std_error;
         inside += i32::from(z.abs() < 2.5);
     }
     // 98.8 % of a Gaussian; a jackknife of ten blocks has the tails of Student's t with nine
@@ -195,8 +196,8 @@ fn real_edge_of_device_a() {
     let roi = Roi { x: 40, y: 100, width: 70, height: 150 };
     for (letter, low, high) in [('G', 76.3, 79.4), ('R', 53.8, 55.3), ('B', 69.9, 69.9)] {
         let e = measure(&image, &cfa, letter, roi, Some(1023), Some(2.2)).unwrap();
-        let found = e.mtf50_cycles_per_mm.unwrap();
-        println!("{letter}: {found:.1} ± {:.1}", e.mtf50_std_error / 2.2e-3);
+        let found = e.mtf50_cycles_per_mm.unwrap().value;
+        println!("{letter}: {found:.1} ± {:.1}", e.mtf50_cycles_per_mm.unwrap().std_error);
         assert!(found > 0.95 * low && found < 1.05 * high, "{letter} {found}");
     }
 }
@@ -226,7 +227,7 @@ fn lying_edge_is_the_standing_one_turned() {
     let lying = Plane::from_fn(120, 80, |x, y| standing.at(y, x));
     let of = |f: &Plane<u16>| measure(f, &mono(), 'M', whole(f), None, None).unwrap();
     let (a, b) = (of(&standing), of(&lying));
-    assert!((a.mtf50_cycles_per_pixel - b.mtf50_cycles_per_pixel).abs() < 1e-9);
+    assert!((a.mtf50_cycles_per_pixel.value - b.mtf50_cycles_per_pixel.value).abs() < 1e-9);
 }
 
 /// MTF50 of a Gaussian blur of σ pixels and square pixels, across an edge of this slant, from the
@@ -295,18 +296,18 @@ fn frames_of_several_edges_average_to_the_closed_form() {
         };
         let (all, one) = (of(&frames), of(&frames[..1]));
         let expected = of_blur(sigma, deg);
-        let (found, error) = (all.mtf50_cycles_per_pixel, all.mtf50_std_error);
+        let Value { value: found, std_error: error } = all.mtf50_cycles_per_pixel;
         println!(
             "blur {sigma}: {found:.4} ± {error:.4}, one frame {:.4} ± {:.4}, spread {:.4}, \
              theory {expected:.4}",
-            one.mtf50_cycles_per_pixel,
-            one.mtf50_std_error,
+            one.mtf50_cycles_per_pixel.value,
+            one.mtf50_cycles_per_pixel.std_error,
             all.mtf50_frame_spread.unwrap()
         );
         // Four draws of Student's t with nine degrees of freedom: one beyond 3.7 in fifty.
         assert!((found - expected).abs() < 3.7 * error, "{found} {expected} {error}");
         squares[0] += error.powi(2);
-        squares[1] += one.mtf50_std_error.powi(2);
+        squares[1] += one.mtf50_cycles_per_pixel.std_error.powi(2);
         assert!((all.angle_deg.abs() - deg.abs()).abs() < 0.1, "{} {deg}", all.angle_deg);
         let direction = if near_rows { Direction::Vertical } else { Direction::Horizontal };
         assert_eq!((all.direction, all.frames, one.mtf50_frame_spread), (direction, 8, None));
@@ -332,7 +333,7 @@ fn movement_between_frames_blurs_nothing() {
     let roi = Roi { x: left + 8, y: top + 8, width: 80, height: 80 };
     let all = measure_frames(&seen(&frames), &mono(), 'M', roi, None).unwrap();
     let expected = of_blur(sigma, deg);
-    let found = all.mtf50_cycles_per_pixel;
+    let found = all.mtf50_cycles_per_pixel.value;
     assert!((found / expected - 1.0).abs() < 0.005, "{found} {expected}");
 }
 
@@ -411,11 +412,11 @@ fn an_edge_without_noise_is_measured() {
     let frame = Plane { width: 100, height: 100, data: values.iter().map(one).collect() };
     let edge = measure(&frame, &mono(), 'M', whole(&frame), Some(255), None).unwrap();
     // exp(-2 (π 1.2 f)²) sinc f = 0.5 at 0.1518 cycles/pixel.
-    let found = edge.mtf50_cycles_per_pixel;
+    let found = edge.mtf50_cycles_per_pixel.value;
     assert!((found - 0.1518).abs() < 0.001, "{found}");
     // 1 DN of 204, over the slope of the response there: 0.5 (8 π² 0.72 f + π² f/3) to the second
     // order of the sinc, 4.56 per cycle per pixel.
-    let error = edge.mtf50_std_error;
+    let error = edge.mtf50_cycles_per_pixel.std_error;
     assert!((error / (1.0 / 204.0 / 4.56) - 1.0).abs() < 0.05, "{error}");
 }
 
@@ -445,10 +446,10 @@ fn no_response_beyond_the_samples_of_x_trans() {
     // The region ends within the pattern, so that the mean distance is not quite that.
     assert!((end - 0.4).abs() < 0.01, "{end}");
     assert_eq!(red.mtf_at_nyquist, None);
-    let found = green.mtf_at_nyquist.unwrap();
+    let found = green.mtf_at_nyquist.unwrap().value;
     assert!((found - blur(0.5)).abs() < 0.02, "{found} {}", blur(0.5));
     for edge in [red, green] {
-        let at = edge.mtf50_cycles_per_pixel;
+        let at = edge.mtf50_cycles_per_pixel.value;
         assert!((blur(at) - 0.5).abs() < 0.02, "{}: {at}", edge.channel);
     }
 }
@@ -479,8 +480,8 @@ fn noise_does_not_pull_the_response() {
                     let image = frame(width, height, &noisy);
                     match measure(&image, &cfa, letter, whole(&image), None, None) {
                         Ok(e) => {
-                            found.push(e.mtf50_cycles_per_pixel);
-                            errors.push(e.mtf50_std_error);
+                            found.push(e.mtf50_cycles_per_pixel.value);
+                            errors.push(e.mtf50_cycles_per_pixel.std_error);
                         }
                         Err(e) => assert!(snr == 5.0 && e.to_string().contains("noise"), "{e}"),
                     }

@@ -7,6 +7,7 @@ mod table;
 use super::numbers::{amount, at_least, counted, seconds, setting};
 use super::page::{KeyFigure, Page};
 use super::plot::Size;
+use camrig_measure::Value;
 use camrig_measure::emva::{ChannelEmva, Checked, Conditions};
 use std::collections::BTreeSet;
 
@@ -82,31 +83,38 @@ pub(crate) fn reference(channels: &[ChannelEmva]) -> Option<&ChannelEmva> {
 
 fn key_figures(result: &Checked) -> Vec<KeyFigure> {
     let Some(c) = reference(&result.channels) else { return Vec::new() };
-    let (f, se) = (&c.figures, &c.std_errors);
+    let f = &c.figures;
     let of = match result.channels.len() {
         1 => String::new(),
         _ => format!(", {}", c.channel.to_uppercase()),
     };
-    let limit = |value: f64| if c.saturates { amount(value, None, "") } else { at_least(value) };
+    let of_value = |v: Value, unit: &str| amount(v.value, Some(v.std_error), unit);
+    let limit = |v: Value, unit: &str| match c.saturates {
+        true => of_value(v, unit),
+        false => format!("{}\u{a0}{unit}", at_least(v.value)),
+    };
     let mut all = Vec::new();
     let light = result.conditions.wavelength_nm.map(|nm| format!("{}\u{a0}nm", setting(nm)));
     if let Some(eta) = f.quantum_efficiency {
-        let text = amount(100.0 * eta, se.quantum_efficiency.map(|e| 100.0 * e), "%");
+        let text = of_value(eta.scaled(100.0), "%");
         let figure = KeyFigure::new(&format!("Quantum efficiency{of}"), &text);
         all.push(figure.below(&light.unwrap_or_default()));
     }
     if let Some(noise) = f.temporal_dark_noise_e {
-        let text = amount(noise, se.temporal_dark_noise_e, "e⁻");
+        let text = of_value(noise, "e⁻");
         let figure = KeyFigure::new(&format!("Temporal dark noise{of}"), &text);
-        all.push(figure.below(&format!("{}\u{a0}DN", amount(f.temporal_dark_noise_dn, None, ""))));
+        let below = f.temporal_dark_noise_dn.map(|dn| of_value(dn, "DN"));
+        all.push(figure.below(&below.unwrap_or_default()));
     }
-    let photons = f.saturation_capacity_p.map(|p| format!("{}\u{a0}photons", limit(p)));
-    let capacity = format!("{}\u{a0}e⁻", limit(f.saturation_capacity_e));
-    let figure = KeyFigure::new(&format!("Saturation capacity{of}"), &capacity);
-    all.push(figure.below(&photons.unwrap_or_default()));
-    let range = format!("{}\u{a0}dB", limit(f.dynamic_range_db));
-    let figure = KeyFigure::new(&format!("Dynamic range{of}"), &range);
-    all.push(figure.below(&format!("maximum SNR {}\u{a0}dB", limit(f.snr_max_db))));
+    if let Some(capacity) = f.saturation_capacity_e {
+        let photons = f.saturation_capacity_p.map(|p| limit(p, "photons"));
+        let figure = KeyFigure::new(&format!("Saturation capacity{of}"), &limit(capacity, "e⁻"));
+        all.push(figure.below(&photons.unwrap_or_default()));
+    }
+    if let (Some(range), Some(snr)) = (f.dynamic_range_db, f.snr_max_db) {
+        let figure = KeyFigure::new(&format!("Dynamic range{of}"), &limit(range, "dB"));
+        all.push(figure.below(&format!("maximum SNR {}", limit(snr, "dB"))));
+    }
     all
 }
 

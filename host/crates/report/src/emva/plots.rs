@@ -1,9 +1,10 @@
 //! The plots of the standard, all channels in each.
 
 use super::reference;
-use crate::numbers::{amount, count, counted, number, setting};
+use crate::numbers::{amount, count, counted, setting};
 use crate::page::Page;
 use crate::plot::{Colour, Mark, Plot};
+use camrig_measure::Value;
 use camrig_measure::emva::{ChannelEmva, Checked, LevelRow, Profile};
 use camrig_measure::spectrogram::{Histogram, Spectrogram};
 
@@ -113,8 +114,8 @@ fn photon_transfer(channels: &[ChannelEmva]) -> Option<Plot> {
         c.levels.iter().map(|l| [l.signal_dn, l.variance_dn2]).collect()
     });
     let end = TRANSFER_RANGE * full(c);
-    let line = vec![[0.0, 0.0], [end, end * c.figures.overall_system_gain]];
-    dashed(&mut plot, &format!("fit{}", of(channels, c)), line);
+    let k = c.figures.overall_system_gain?.value;
+    dashed(&mut plot, &format!("fit{}", of(channels, c)), vec![[0.0, 0.0], [end, end * k]]);
     Some(plot)
 }
 
@@ -128,7 +129,7 @@ fn sensitivity(channels: &[ChannelEmva]) -> Option<Plot> {
     });
     if let Some(r) = c.figures.responsivity_dn_per_photon {
         let end = TRANSFER_RANGE * full(c);
-        let line = vec![[0.0, 0.0], [factor * end / r, end]];
+        let line = vec![[0.0, 0.0], [factor * end / r.value, end]];
         dashed(&mut plot, &format!("fit{}", of(channels, c)), line);
     }
     Some(plot)
@@ -150,9 +151,13 @@ pub(super) fn snr(channels: &[ChannelEmva]) -> Option<Plot> {
     let grid: Vec<f64> =
         (0..=20 * top as i32).map(|i| libm::pow(10.0, 0.05 * f64::from(i))).collect();
     for c in channels {
-        let Some(eta) = c.figures.quantum_efficiency else { continue };
-        let k = c.figures.overall_system_gain;
-        let noise = (c.figures.temporal_dark_noise_dn / k).powi(2);
+        let f = &c.figures;
+        let (Some(eta), Some(k), Some(dark)) =
+            (f.quantum_efficiency, f.overall_system_gain, f.temporal_dark_noise_dn)
+        else {
+            continue;
+        };
+        let (eta, noise) = (eta.value, (dark.value / k.value).powi(2));
         let model = |&p: &f64| [p, eta * p / (noise + eta * p).sqrt()];
         let line = grid.iter().map(model).filter(|p| p[1] >= 0.1).collect();
         plot.series("", Mark::Line, Colour::of_channel(&c.channel), line);
@@ -164,7 +169,7 @@ pub(super) fn snr(channels: &[ChannelEmva]) -> Option<Plot> {
 
 /// Of the levels below saturation whose noise is not below quantisation.
 fn measured_snr(c: &ChannelEmva) -> Vec<[f64; 2]> {
-    let dark = c.figures.temporal_dark_noise_dn.powi(2);
+    let dark = c.figures.temporal_dark_noise_dn.map_or(0.0, |noise| noise.value.powi(2));
     let upper = LINEARITY_RANGE.end() * full(c);
     let levels = to_saturation(c).iter().filter(|l| l.signal_dn < upper);
     let point = |l: &LevelRow| {
@@ -175,7 +180,13 @@ fn measured_snr(c: &ChannelEmva) -> Vec<[f64; 2]> {
 }
 
 fn linearity(channels: &[ChannelEmva]) -> Option<Plot> {
-    let (factor, axis) = photons(channels)?;
+    let photons = photons(channels);
+    let (factor, axis) = photons.unwrap_or((1e3, "exposure time, ms"));
+    let light = |l: &LevelRow| photons.map_or(Some(l.exposure_s), |_| l.photons);
+    let measured = |c: &ChannelEmva| c.figures.linearity_error_percent.is_some();
+    if !channels.iter().any(measured) {
+        return None;
+    }
     let mut plot = Plot::new("Linearity", axis, "deviation from the fit, %");
     plot.note(
         "Levels of the fit, 5 to 95 % of saturation, weighted by 1/signal as in the standard.",
@@ -184,9 +195,7 @@ fn linearity(channels: &[ChannelEmva]) -> Option<Plot> {
         let [low, high] =
             [LINEARITY_RANGE.start(), LINEARITY_RANGE.end()].map(|share| share * full(c));
         let inside = to_saturation(c).iter().filter(|l| (low..=high).contains(&l.signal_dn));
-        inside
-            .filter_map(|l| Some([factor * l.photons?, l.linearity_deviation_percent?]))
-            .collect()
+        inside.filter_map(|l| Some([factor * light(l)?, l.linearity_deviation_percent?])).collect()
     });
     plot.without_outliers().limit_y(0.0, "fit");
     Some(plot)
@@ -199,7 +208,7 @@ fn dark_current(result: &Checked) -> Option<[Plot; 2]> {
     if c.darks.iter().all(|d| d.exposure_s == c.darks[0].exposure_s) {
         return None;
     }
-    let k = c.figures.overall_system_gain;
+    let k = c.figures.overall_system_gain?.value;
     let axis = "exposure time, s";
     let mut mean = Plot::new("Dark current from the mean", axis, "mean of dark frames, DN");
     each(&mut mean, channels, Mark::Points, |c| {
@@ -208,7 +217,11 @@ fn dark_current(result: &Checked) -> Option<[Plot; 2]> {
     let of_mean = c.darks.iter().map(|d| [d.exposure_s, d.mean_dn]);
     mean.note(&dark_note(result, c, c.figures.dark_current_mean_e_per_s));
     if let Some(rate) = c.figures.dark_current_mean_e_per_s {
-        dashed(&mut mean, &format!("fit{}", of(channels, c)), line(of_mean.collect(), k * rate));
+        dashed(
+            &mut mean,
+            &format!("fit{}", of(channels, c)),
+            line(of_mean.collect(), k * rate.value),
+        );
     }
     let mut variance =
         Plot::new("Dark current from the variance", axis, "temporal variance of dark frames, DN²");
@@ -218,7 +231,7 @@ fn dark_current(result: &Checked) -> Option<[Plot; 2]> {
     let of_variance = c.darks.iter().map(|d| [d.exposure_s, d.variance_dn2]);
     variance.note(&dark_note(result, c, c.figures.dark_current_variance_e_per_s));
     if let Some(rate) = c.figures.dark_current_variance_e_per_s {
-        let slope = k * k * rate;
+        let slope = k * k * rate.value;
         let line = line(of_variance.collect(), slope);
         dashed(&mut variance, &format!("fit{}", of(channels, c)), line);
     }
@@ -233,7 +246,7 @@ fn line(points: Vec<[f64; 2]>, slope: f64) -> Vec<[f64; 2]> {
     [0.0, longest].map(|t| [t, y + slope * (t - x)]).to_vec()
 }
 
-fn dark_note(result: &Checked, c: &ChannelEmva, rate: Option<f64>) -> String {
+fn dark_note(result: &Checked, c: &ChannelEmva, rate: Option<Value>) -> String {
     let Some(rate) = rate else { return "Dots: dark stacks.".into() };
     let of = of(&result.channels, c);
     let at = match result.conditions.temperature_c {
@@ -241,9 +254,11 @@ fn dark_note(result: &Checked, c: &ChannelEmva, rate: Option<f64>) -> String {
         _ => String::new(),
     };
     let doubling = c.figures.dark_current_doubling_c;
-    let doubling =
-        doubling.map_or(String::new(), |t| format!(", doubling every {}\u{a0}°C", number(t)));
-    format!("Dots: dark stacks. Slope{of}: {}{at}{doubling}.", amount(rate, None, "e⁻/s"))
+    let doubling = doubling.map_or(String::new(), |t| {
+        format!(", doubling every {}", amount(t.value, Some(t.std_error), "°C"))
+    });
+    let rate = amount(rate.value, Some(rate.std_error), "e⁻/s");
+    format!("Dots: dark stacks. Slope{of}: {rate}{at}{doubling}.")
 }
 
 fn spectra(

@@ -100,7 +100,8 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
         FIGURES.iter().filter(|figure| compared.differs(figure) == Some(true)).collect();
     let ranked: Vec<&Figure> =
         differ.iter().copied().filter(|f| f.less_is_better.is_some()).collect();
-    without_mtf50(&mut page, records);
+    why_missing(&mut page, records, "MTF50", "mtf50_missing");
+    why_missing(&mut page, records, "SNR", "snr_missing");
     optimum(&mut page, &compared, &ranked, chosen.as_ref());
     comparison(&mut page, &compared, &differ, &ranked, chosen.as_ref());
     light(&mut page, &settings, &compared);
@@ -119,11 +120,12 @@ pub fn page(title: &str, records: &[Value], sweep: &str, choice: Option<&Choice>
 /// Most reasons that are told.
 const MAX_REASONS: usize = 3;
 
-/// Why pictures have no MTF50, the most frequent reasons first.
-fn without_mtf50(page: &mut Page, records: &[Value]) {
+/// Why pictures have no figure of this name, the most frequent reasons first; `key` is that of the
+/// reasons.
+fn why_missing(page: &mut Page, records: &[Value], name: &str, key: &str) {
     let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
     let channels = records.iter().filter_map(|r| r["channels"].as_object());
-    for reason in channels.flat_map(|c| c.values()).filter_map(|c| c["mtf50_missing"].as_str()) {
+    for reason in channels.flat_map(|c| c.values()).filter_map(|c| c[key].as_str()) {
         *reasons.entry(reason).or_default() += 1;
     }
     let all: usize = reasons.values().sum();
@@ -137,7 +139,7 @@ fn without_mtf50(page: &mut Page, records: &[Value]) {
     let told: Vec<String> = told.collect();
     let more = if sorted.len() > MAX_REASONS { "; the others are in figures.csv" } else { "" };
     page.note(&format!(
-        "MTF50 is not determined in {}: {}{more}.",
+        "{name} is not determined in {}: {}{more}.",
         counted(all, "channel"),
         told.join("; ")
     ));
@@ -220,8 +222,8 @@ mod tests {
                     ("uniform", "snr_db", 10.0 * i as f64 + 5.0 - 3.0 * n as f64),
                     ("slanted-edge", "mtf50_cycles_per_pixel", 0.2 + 0.1 * n as f64),
                 ] {
-                    let mut green = json!({ "mean_dn": 100.0 });
-                    green[key] = json!(value);
+                    let mut green = json!({ "mean_dn": { "value": 100.0 } });
+                    green[key] = json!({ "value": value });
                     records.push(json!({
                         "parameters": {
                             "camera": "c", "scene": scene, "lux": lux, "frame": 0,

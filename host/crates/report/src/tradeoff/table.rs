@@ -158,7 +158,8 @@ fn parameters(record: &Value) -> BTreeMap<String, Swept> {
 
 /// A figure of a picture, mean over its channels.
 fn figure_of(record: &Value, figure: &Figure) -> Option<Measured> {
-    if let Some(value) = record["figures"][figure.key]["mean"].as_f64() {
+    let of_picture = &record["figures"][format!("{}_mean", figure.key)]["value"];
+    if let Some(value) = of_picture.as_f64() {
         return Some(Measured { value, std_error: None });
     }
     let pitch_um = record["parameters"]["camera_keys"]["sensor.pitch_um"].as_f64();
@@ -167,9 +168,10 @@ fn figure_of(record: &Value, figure: &Figure) -> Option<Measured> {
         key => (key, 1.0),
     };
     let channels = record["channels"].as_object()?;
-    let of = |key: &str| channels.values().filter_map(|c| c[key].as_f64()).collect::<Vec<f64>>();
-    let values = of(key);
-    let errors = if key.starts_with("mtf50") { of("mtf50_std_error") } else { Vec::new() };
+    let of = |part: &str| -> Vec<f64> {
+        channels.values().filter_map(|c| c[key][part].as_f64()).collect()
+    };
+    let (values, errors) = (of("value"), of("std_error"));
     let n = values.len() as f64;
     let std_error = (errors.len() == values.len())
         .then(|| factor * errors.iter().map(|e| e * e).sum::<f64>().sqrt() / n);
@@ -388,7 +390,7 @@ mod tests {
         let record = |snr: f64, lux: f64| {
             json!({
                 "parameters": { "scene": "uniform", "lux": lux, "camera_keys": {} },
-                "channels": { "g": { "snr_db": snr } },
+                "channels": { "g": { "snr_db": { "value": snr } } },
             })
         };
         let settings = Settings::new(&[record(10.0, 1.0), record(12.0, 1.0), record(30.0, 2.0)]);
@@ -405,7 +407,8 @@ mod tests {
 
     #[test]
     fn one_picture_of_an_edge_has_its_own_error() {
-        let edge = |v: f64, e: f64| json!({ "mtf50_cycles_per_pixel": v, "mtf50_std_error": e });
+        let edge =
+            |v: f64, e: f64| json!({ "mtf50_cycles_per_pixel": { "value": v, "std_error": e } });
         let record = json!({
             "parameters": { "scene": "slanted-edge", "camera_keys": { "sensor.pitch_um": 2.0 } },
             "channels": { "r": edge(0.2, 0.03), "g": edge(0.4, 0.04) },
