@@ -81,7 +81,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         )
         .help("omit --hdr, or use steady light"));
     }
-    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, .. } = first;
+    let OpticsOutput { light, cube, optics, cached, lens_traced, collapse, shown, .. } = first;
     if let Some(path) = &args.save_irradiance {
         if !lights.stand_still() {
             eprintln!(
@@ -135,6 +135,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "optics": {
             "path": args.view.path.name(),
             "collapse": collapse,
+            "scene_cropped": shown.map(|s| json!({
+                "scene_aspect": s.content_aspect,
+                "frame_aspect": s.frame_aspect,
+                "shown_width": s.width(),
+                "shown_height": s.height(),
+            })),
             "oversample": optics.oversample.iter().max(),
             "margin_pixels": optics.margin_pixels,
             "step_error": optics.step_error,

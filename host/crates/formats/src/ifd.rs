@@ -6,6 +6,7 @@
 
 use super::truncated;
 use camrig_base::{Error, Result};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// A TIFF file in memory.
@@ -29,6 +30,8 @@ pub(super) struct Ifd<'a> {
 #[derive(Clone, Copy)]
 struct Field<'a> {
     kind: u16,
+    /// Where its data begin in the file.
+    start: usize,
     data: &'a [u8],
     big_endian: bool,
 }
@@ -47,6 +50,30 @@ pub(super) fn maker_of_previews(bytes: &[u8]) -> Option<String> {
     let is_own = first.uints(330).is_some() && first.uints(50706).is_none();
     first.text(271).filter(|_| is_own)
 }
+
+/// A TIFF whose uncompressed directories have no Predictor: TIFF 6.0 knows it of compressed samples
+/// only, and readers by libtiff take uncompressed ones as they are. The `tiff` crate would undo it.
+pub(super) fn without_idle_predictors(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let mut out = Cow::Borrowed(bytes);
+    let Ok(file) = Tiff::open(bytes) else { return out };
+    let mut next = file.first().ok();
+    // No file has more directories than this; a chain that closes on itself ends here.
+    for _ in 0..bytes.len() / MIN_DIRECTORY {
+        let Some(ifd) = next.and_then(|offset| file.ifd(offset).ok()) else { break };
+        let compressed = ifd.uint(259).is_some_and(|compression| compression != 1);
+        if let Some(field) = ifd.fields.get(&317).filter(|field| field.kind == 3 && !compressed)
+            && ifd.uint(317) > Some(1)
+        {
+            let one = if file.big_endian { 1u16.to_be_bytes() } else { 1u16.to_le_bytes() };
+            out.to_mut()[field.start..field.start + 2].copy_from_slice(&one);
+        }
+        next = file.next(&ifd).ok().flatten();
+    }
+    out
+}
+
+/// Bytes of a directory without a field.
+const MIN_DIRECTORY: usize = 6;
 
 impl<'a> Tiff<'a> {
     /// Checks byte order mark and version.
@@ -92,7 +119,7 @@ impl<'a> Tiff<'a> {
             let start = if length <= room { place } else { self.offset(place)? };
             let data = self.slice(start, length).map_err(|e| e.at(format!("TIFF tag {tag}")))?;
             reach = reach.max(start + length);
-            fields.insert(tag, Field { kind, data, big_endian: self.big_endian });
+            fields.insert(tag, Field { kind, start, data, big_endian: self.big_endian });
         }
         Ok(Ifd { fields, end: field(count), reach })
     }

@@ -8,9 +8,10 @@
 
 mod stack;
 
-use super::ifd::Tiff;
+use super::ifd::{Tiff, without_idle_predictors};
 use super::{Facts, Frames, Taken, check_range, narrow, tiff_samples};
 use camrig_base::{Dn, Error, Plane, Result};
+use std::borrow::Cow;
 use std::io::{Cursor, ErrorKind};
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype};
@@ -70,6 +71,8 @@ pub(super) fn is_wide(bytes: &[u8]) -> bool {
 /// Pages that are not grey or differ in size or kind, values that are not whole
 /// numbers of the samples' type, a damaged or truncated file.
 pub fn decode<S: Dn>(bytes: &[u8]) -> Result<Frames<S>> {
+    let plain = without_idle_predictors(bytes);
+    let bytes = &*plain;
     let mut file = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let mut frames = Frames { planes: Vec::new(), facts: Facts::default() };
     let description = file.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
@@ -103,6 +106,13 @@ pub fn decode<S: Dn>(bytes: &[u8]) -> Result<Frames<S>> {
             break;
         }
         file.next_image().map_err(failed)?;
+    }
+    if matches!(plain, Cow::Owned(_)) {
+        frames.facts.notes.push(
+            "the file states a Predictor for samples that are not compressed, which means nothing: \
+             they are taken as stored"
+                .into(),
+        );
     }
     stack::further(&mut frames, &description, bytes)?;
     Ok(frames)
@@ -289,6 +299,35 @@ mod tests {
     }
 
     const DN: [u16; 6] = [0, 1, 500, 4095, 32767, 70];
+
+    /// A TIFF of grey words with these fields, each of one SHORT, behind its samples.
+    fn with_fields(samples: &[u16; 6], more: &[(u16, u16)]) -> Vec<u8> {
+        let mut fields = vec![(256, 3), (257, 2), (258, 16), (259, 1), (262, 1), (273, 8)];
+        fields.extend([(277, 1), (278, 2), (279, 12)]);
+        fields.extend(more);
+        fields.sort_unstable();
+        let mut bytes = b"II*\0\x14\0\0\0".to_vec();
+        bytes.extend(samples.iter().flat_map(|v| v.to_le_bytes()));
+        bytes.extend((fields.len() as u16).to_le_bytes());
+        for (tag, value) in fields {
+            let words: [u16; 6] = [tag, 3, 1, 0, value, 0];
+            bytes.extend(words.iter().flat_map(|w| w.to_le_bytes()));
+        }
+        bytes.extend([0; 4]);
+        bytes
+    }
+
+    /// Samples that are not compressed are no differences, whatever Predictor says: so libtiff.
+    #[test]
+    fn a_predictor_of_uncompressed_samples_means_nothing() {
+        let samples = [7, 300, 20, 4000, 5, 60_000];
+        let read = |more: &[(u16, u16)]| decode::<u16>(&with_fields(&samples, more)).unwrap();
+        let plain = read(&[]);
+        assert_eq!((&plain.planes[0].data[..], plain.facts.notes.len()), (&samples[..], 0));
+        let stated = read(&[(317, 2)]);
+        assert_eq!(stated.planes[0].data, samples);
+        assert!(stated.facts.notes[0].contains("Predictor"), "{:?}", stated.facts.notes);
+    }
 
     #[test]
     fn samples_whose_white_is_zero_stay_as_stored() {

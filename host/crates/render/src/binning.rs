@@ -11,7 +11,7 @@ use super::lighting::SceneInLight;
 use super::reach::Sight;
 use camrig_base::{Bands, Plane, Result};
 use camrig_camera::Camera;
-use camrig_scene::{Beyond, Grid, Quantity, Scene, White};
+use camrig_scene::{Beyond, Grid, Quantity, Scene, Shown, White};
 use camrig_sensor_core::config::MAX_BANDS;
 use std::sync::Arc;
 
@@ -46,6 +46,10 @@ impl Scene for Binned {
 
     fn white(&self) -> Option<&White> {
         self.scene.white()
+    }
+
+    fn shown(&self) -> Option<Shown> {
+        self.scene.shown()
     }
 
     fn notes(&self) -> Vec<String> {

@@ -85,6 +85,7 @@ impl KeptOptics {
             rebinned: opened.rebinned || collapse.is_some(),
             lens_traced: new && lens.traced,
             collapse,
+            shown: opened.scene.shown(),
             notes,
         })
     }

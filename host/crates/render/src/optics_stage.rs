@@ -8,6 +8,7 @@ use camrig_camera::Camera;
 use camrig_exposure::{CubeHeader, IrradianceCube};
 use camrig_light::{Illuminant, LightLevel, photometry};
 use camrig_optics::{Options, Report};
+use camrig_scene::Shown;
 use std::path::PathBuf;
 
 /// Movement of a whole scene over the frames of a sequence.
@@ -56,6 +57,8 @@ pub struct OpticsOutput {
     pub lens_traced: bool,
     /// What a fast path leaves out, where one was taken.
     pub collapse: Option<CollapseReport>,
+    /// Which part of a scene of another shape the frame shows.
+    pub shown: Option<Shown>,
     /// What a user should know about the scene and the lens.
     pub notes: Vec<String>,
 }

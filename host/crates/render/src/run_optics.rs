@@ -59,7 +59,7 @@ impl OpticsStage {
                 .map_err(|e| e.at(&self.scene))?;
         let mut notes = opened.notes(camera);
         notes.extend(of_lens);
-        let light = opened.illuminant;
+        let (light, shown) = (opened.illuminant, opened.scene.shown());
         Ok(OpticsOutput {
             light,
             cube,
@@ -68,6 +68,7 @@ impl OpticsStage {
             rebinned: opened.rebinned,
             lens_traced: traced,
             collapse: None,
+            shown,
             notes,
         })
     }

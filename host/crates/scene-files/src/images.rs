@@ -36,6 +36,10 @@ pub(super) fn open_stack(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     let understood = vec![format!("TIFF of {bands} {of}, one per band")];
     let mut own = Own { understood, ..Own::default() };
     gdal.tell(sidecar, &mut own)?;
+    if own.nm.as_ref().is_some_and(|nm| nm.len() != bands) {
+        let count = own.nm.take().map_or(0, |nm| nm.len());
+        own.other_wavelengths = Some(format!("{count} channels of OME-XML"));
+    }
     let source = Stack { path: path.into(), size, bands, samples, orientation };
     sidecar.cube(Box::new(source), own)
 }
@@ -304,7 +308,20 @@ pub(super) fn decoder(path: &Path, pixels: usize) -> Result<Decoder<BufReader<Fi
     // A tile or strip may reach beyond the page.
     limits.decoding_buffer_size = pixels.saturating_mul(8).saturating_add(MARGIN_BYTES);
     limits.intermediate_buffer_size = limits.decoding_buffer_size;
-    Ok(Decoder::new(BufReader::new(file)).map_err(|e| unreadable(path, e))?.with_limits(limits))
+    let failed = |e| unreadable(path, e);
+    let mut decoder = Decoder::new(BufReader::new(file)).map_err(failed)?.with_limits(limits);
+    let mut tag = |tag| decoder.find_tag_unsigned::<u16>(tag).map_err(failed);
+    if tag(Tag::Compression)?.is_none_or(|compression| compression == 1)
+        && tag(Tag::Predictor)?.is_some_and(|predictor| predictor > 1)
+    {
+        return Err(Error::unsupported("a Predictor for samples that are not compressed")
+            .at(path.display())
+            .help(
+                "programs disagree on whether its samples are differences: save it again, \
+                 compressed or without a predictor",
+            ));
+    }
+    Ok(decoder)
 }
 
 /// The pages of a TIFF, all being alike.
@@ -519,6 +536,40 @@ mod tests {
         std::fs::remove_file(inner.join("toys_ms_07.png")).unwrap();
         let message = open_file(&spec).err().unwrap().to_string();
         assert!(message.contains("number 8 follows 6"), "{message}");
+    }
+
+    /// Pages of 31 bands whose OME-XML names the channels: by the wavelength they detect, by their
+    /// names; names that state none are asked about, where 400 to 700 nm would be usual.
+    #[test]
+    fn channels_of_ome_tiff_state_wavelengths_or_are_asked_about() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cube.ome.tif");
+        let opened = |channel: &dyn Fn(u32) -> String| {
+            let channels: String = (0..31)
+                .map(|i| format!("<Channel ID=\"Channel:0:{i}\"{}/>", channel(i)))
+                .collect();
+            let xml = format!(
+                "<?xml version=\"1.0\"?><OME><Image ID=\"Image:0\"><Pixels SizeC=\"31\">\
+                 {channels}</Pixels></Image></OME>"
+            );
+            let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+            for _ in 0..31 {
+                let mut image = encoder.new_image::<colortype::Gray16>(3, 2).unwrap();
+                image.encoder().write_tag(Tag::ImageDescription, &xml[..]).unwrap();
+                image.write_data(&[1, 2, 3, 4, 5, 6]).unwrap();
+            }
+            open_file(&format!("{}:scale=1e-4", path.display()))
+        };
+        let bands = |cube: Cube| (cube.bands().start_nm, cube.bands().step_nm);
+        let emission = |i: u32| format!(" Name=\"C{i}\" EmissionWavelength=\"{}\"", 430 + 12 * i);
+        assert_eq!(bands(opened(&emission).unwrap()), (430.0, 12.0));
+        let named = |i: u32| format!(" Name=\"band {} nm\"", 500 + 5 * i);
+        assert_eq!(bands(opened(&named).unwrap()), (500.0, 5.0));
+        let other = |i: u32| format!(" Name=\"channel {i}\"");
+        let error = opened(&other).err().unwrap().to_string();
+        assert!(error.contains("channel 30") && error.contains("wavelength_nm"), "{error}");
+        let nothing = |_: u32| String::new();
+        assert_eq!(bands(opened(&nothing).unwrap()), (400.0, 10.0));
     }
 
     /// Cutting and corrupting a file gives an error or other values, never a panic.

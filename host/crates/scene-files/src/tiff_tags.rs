@@ -4,6 +4,7 @@
 use super::arrays::in_nm;
 use super::selection::Stated;
 use super::sidecar::{Own, Sidecar};
+use super::units;
 use camrig_base::{Error, Result};
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -93,6 +94,8 @@ pub(super) struct Gdal {
     not_used: BTreeSet<String>,
     /// Whether gain and offset are ImageJ's.
     image_j: bool,
+    /// What OME-XML says of each channel.
+    channels: Vec<String>,
 }
 
 impl Gdal {
@@ -117,8 +120,10 @@ impl Gdal {
         Ok(())
     }
 
-    /// Takes in what ImageJ says of all bands, where GDAL says nothing.
+    /// Takes in what ImageJ and OME-XML say of all bands, where GDAL says nothing.
     pub(super) fn calibrate(&mut self, decoder: &mut Reader) -> Result<()> {
+        let described = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
+        self.channels = ome_channels(&described);
         if let (Some([offset, gain]), false) = (image_j(decoder)?, self.changes_samples()) {
             self.gain.fill(gain);
             self.offset.fill(offset);
@@ -181,7 +186,7 @@ impl Gdal {
         };
         let changes = Self { no_data: None, ..self };
         let scaled = changes.changes_samples();
-        let Self { gain, offset, nm, words, not_used, image_j, .. } = changes;
+        let Self { gain, offset, nm, words, not_used, image_j, channels, .. } = changes;
         let of = if image_j { "ImageJ's calibration" } else { "GDAL_METADATA" };
         if scaled && sidecar.scale.is_some() {
             own.notes.push(format!("scale and offset of {of} give way to the scale given"));
@@ -197,12 +202,43 @@ impl Gdal {
                 "wavelengths of GDAL_METADATA were not used: not one per band in nm or µm".into(),
             );
         }
+        if own.nm.is_none() && channels.iter().any(|channel| !channel.is_empty()) {
+            own.nm = units::wavelengths_in(channels.iter().map(|channel| &channel[..]))?;
+            match &own.nm {
+                Some(_) => {
+                    own.notes.push("the wavelengths are those of the OME-XML's channels".into());
+                }
+                None => own.other_wavelengths = Some(format!("channels {}", channels.join(", "))),
+            }
+        }
         if !not_used.is_empty() {
             let names = not_used.into_iter().collect::<Vec<_>>().join(", ");
             own.notes.push(format!("items of GDAL_METADATA that were not used: {names}"));
         }
         Ok(())
     }
+}
+
+/// What the channels of OME-XML are: the wavelength that each detects (`EmissionWavelength`, whose
+/// unit is nm by the schema unless it says another), else its name.
+fn ome_channels(described: &str) -> Vec<String> {
+    let channel = |tag: &str| {
+        let tag = format!(" {}", tag.split('>').next().unwrap_or_default());
+        let key = |name: &str| {
+            let value = tag.split_once(&format!(" {name}=\""))?.1.split('"').next()?;
+            Some(value.to_owned())
+        };
+        match key("EmissionWavelength") {
+            Some(nm) => {
+                let unit = key("EmissionWavelengthUnit").unwrap_or_else(|| "nm".into());
+                format!("{nm} {unit}")
+            }
+            None => key("Name").unwrap_or_default(),
+        }
+    };
+    let is_ome = described.contains("<OME");
+    let tags = described.split("<Channel ").skip(1).filter(|_| is_ome);
+    tags.map(channel).collect()
 }
 
 /// A list that says something of every band, or of none.

@@ -182,9 +182,63 @@ pub trait Scene: Send + Sync {
         let _ = mixer;
         Ok(None)
     }
+    /// How its content fills a frame of another shape; none where nothing is cut off.
+    fn shown(&self) -> Option<Shown> {
+        None
+    }
     /// Remarks for the user, such as bands that were extrapolated.
     fn notes(&self) -> Vec<String> {
         Vec::new()
+    }
+}
+
+/// Which part of a scene's content a frame of another shape shows: the middle of its width or
+/// height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
+    /// Width over height of the content.
+    pub content_aspect: f64,
+    /// Width over height of the frame.
+    pub frame_aspect: f64,
+}
+
+/// Smallest part of the content's width or height whose loss is told: a pixel of a thousand.
+const MIN_LOST: f64 = 1e-3;
+
+impl Shown {
+    fn new(content_aspect: f64, frame_aspect: f64) -> Option<Self> {
+        let shown = Self { content_aspect, frame_aspect };
+        (shown.width().min(shown.height()) < 1.0 - MIN_LOST).then_some(shown)
+    }
+
+    /// Part of the content's width that is in the frame.
+    #[must_use]
+    pub fn width(&self) -> f64 {
+        (self.frame_aspect / self.content_aspect).min(1.0)
+    }
+
+    /// Part of its height.
+    #[must_use]
+    pub fn height(&self) -> f64 {
+        (self.content_aspect / self.frame_aspect).min(1.0)
+    }
+
+    /// What is cut off, and where the rest comes to.
+    fn words(&self) -> String {
+        let ([axis, side, first], sides, share) = match self.width() < self.height() {
+            true => (["x", "width", "left"], "left and right", self.width()),
+            false => (["y", "height", "top"], "top and bottom", self.height()),
+        };
+        let lost = 0.5 * (1.0 - share);
+        format!(
+            "the scene is {:.4} times as wide as high, the frame {:.4} times: it fills the frame, \
+             centred, with {:.2} % cut off at its {sides} each; through an ideal lens, what lies at \
+             a part {axis} of its {side}, from the {first}, comes to ({axis} - {lost:.4}) / \
+             {share:.4} of the frame's",
+            self.content_aspect,
+            self.frame_aspect,
+            100.0 * lost,
+        )
     }
 }
 
@@ -268,7 +322,34 @@ impl Scene for Filling {
         Ok(components.map(|c| Components { planes: filling(c.planes, self.frame_aspect), ..c }))
     }
 
+    fn shown(&self) -> Option<Shown> {
+        Shown::new(self.scene.aspect()?, self.frame_aspect)
+    }
+
     fn notes(&self) -> Vec<String> {
-        self.scene.notes()
+        let mut notes = self.scene.notes();
+        notes.extend(self.shown().map(|shown| shown.words()));
+        notes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of three by two in frames of four by three and of sixteen by nine: 1/18 of the
+    /// width is lost on each side, and 5/64 of the height.
+    #[test]
+    fn what_a_frame_of_another_shape_cuts_off_is_told() {
+        let wide = Shown::new(1.5, 4.0 / 3.0).unwrap();
+        assert!((wide.width() - 8.0 / 9.0).abs() < 1e-12 && wide.height() == 1.0);
+        let words = wide.words();
+        assert!(words.contains("5.56 % cut off at its left and right each"), "{words}");
+        assert!(words.contains("(x - 0.0556) / 0.8889 of the frame's"), "{words}");
+        let flat = Shown::new(1.5, 16.0 / 9.0).unwrap();
+        assert!((flat.height() - 27.0 / 32.0).abs() < 1e-12 && flat.width() == 1.0);
+        assert!(flat.words().contains("7.81 % cut off at its top and bottom each"));
+        // The frame of 4056 x 3040 pixels shows a picture of four by three, but for a pixel.
+        assert_eq!(Shown::new(4.0 / 3.0, 4056.0 / 3040.0), None);
     }
 }

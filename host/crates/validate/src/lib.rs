@@ -18,7 +18,7 @@
 //! let sheet = Datasheet::measure(&camera, (64, 48))?;
 //! let green = &sheet.emva.channels[1].figures;
 //! let dark_noise_e = green.temporal_dark_noise_e.expect("above the noise of rounding");
-//! assert!((dark_noise_e / 30.0 - 1.0).abs() < 0.1);
+//! assert!((dark_noise_e.value / 30.0 - 1.0).abs() < 0.1);
 //! # Ok::<(), camrig_validate::base::Error>(())
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
