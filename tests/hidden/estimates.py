@@ -405,6 +405,72 @@ def hits(f):
     return count(seen, number, np.exp(-12 * f.c.read_e / 60 / 0.9))
 
 
+def tracks(f):
+    """Charge of samples that stand out of the noise, in a mean charge of 4/3 of that of a pixel's way."""
+    stacks = [s for s in f.w.stacks if s.role == "dark" and s.exposure_s > 0.2]
+    seen = [f.residual(s.id) * s.frames / (s.frames - 1) for s in stacks]
+    charge = sum(np.sum(x[x > 8 * np.sqrt(np.median(x**2) / 0.455)]) for x in seen)
+    number = f.a * 1e-6 * f.w.info.pixels * sum(s.frames * s.exposure_s for s in stacks)
+    mean = 4 / 3 * f.effect.charge_e  # and a mean square of 2 q^2
+    return charge / mean, number, np.sqrt(number * 9 / 8) + 0.05 * number
+
+
+def dark_telegraph(f):
+    where = f.effect.order[: max(1, round(f.a * f.w.info.pixels))]
+    s2, n, k = f.pixel_variance("dark-long").ravel(), 16, np.arange(1, 16)
+    left = 1 - np.sum((n - k) * f.effect.stays**k) * 2 / (n * (n - 1))
+    jump = f.effect.jump[where]  # in one second
+    expected = np.mean(jump**2) / 4 * left + np.mean(jump) / 2
+    return s2[where].mean() - np.delete(s2, where).mean(), expected, s2[where].std() / np.sqrt(len(where))
+
+
+def dead_columns(f):
+    return count(np.sum(f.gain()[0].mean(0) < -0.2), max(1, round(f.a * f.w.width)), 1.0)
+
+
+def areas(f):
+    mask = f.effect.mask
+    m, v = f.dark_slope() if f.effect.hot else f.gain()
+    v = v + f.c.dsnu_e_per_s**2 if f.effect.hot else v
+    expected = f.effect.rate if f.effect.hot else f.effect.share - 1
+    scale = 1 if f.effect.hot else 1 + m[~mask].mean()
+    noise = v + (f.effect.rate / 16 if f.effect.hot else 0)
+    return (m[mask].mean() - m[~mask].mean()) / scale, expected, np.sqrt(noise / mask.sum())
+
+
+def dark_site(f):
+    slope, noise = f.dark_slope()
+    cell = np.broadcast_to(f.c.spread(f.effect.cell), slope.shape) > 0
+    sd = np.sqrt((noise + f.c.dsnu_e_per_s**2) * (1 / cell.sum() + 1 / (~cell).sum()))
+    return slope[cell].mean() - slope[~cell].mean(), f.a, sd
+
+
+def site_offsets(f):
+    x = f.residual("dark-short")
+    m = np.stack([x[:, i::2, j::2].mean((1, 2)) for i in (0, 1) for j in (0, 1)])
+    m -= m.mean(0)
+    white = f.pixel_variance("dark-short").mean() * 4 / f.w.info.pixels
+    return component(m, white, f.a**2, 3 * 31)
+
+
+def transfer(f):
+    """Slope over columns of l, from the correlation l (1 - l) / (1 - 2 l (1 - l)) of neighbours in the noise of light."""
+    x = f.residual("flat-level-7")
+    read = f.pixel_variance("dark-short").mean() * 7 / 8
+    products = (x[:, :, 1:] * x[:, :, :-1]).mean((0, 1))
+    squares = (x[:, :, 1:] ** 2 + x[:, :, :-1] ** 2).mean((0, 1)) / 2 - read
+    place, bins = np.arange(products.size), 16
+    cut = np.array_split(place, bins)
+    r = np.array([products[c].sum() / squares[c].sum() for c in cut])
+    both = r / (1 + 2 * r)
+    lost = (1 - np.sqrt(1 - 4 * both)) / 2
+    at = np.array([c.mean() for c in cut])
+    slope = np.polyfit(at, lost, 1)[0]
+    middle = 1 - (1 - f.a) ** (at + 1)
+    sd = 1 / np.sqrt(x.shape[0] * x.shape[1] * 7 / 8 * np.sum((place - place.mean()) ** 2)) / (1 - 2 * middle.max())
+    return slope, np.polyfit(at, middle, 1)[0], 1.2 * sd
+
+
 ESTIMATES = {
     "row-temporal-noise": rows, "column-temporal-noise": columns, "row-correlated-noise": coloured_rows,
     "periodic-pattern-noise": line, "read-noise-spread": spread, "random-telegraph-noise": telegraph,
@@ -423,5 +489,7 @@ ESTIMATES = {
     "outside-block-noise": blocks, "outside-checker-drift": checker,
     "outside-spokes": lambda f: projected(f, f.gain(), f.effect.pattern),
     "outside-gain-rectangle": lambda f: projected(f, f.gain(), f.effect.pattern), "outside-moving-bar": bar,
-    "outside-hits": hits,
+    "outside-hits": hits, "particle-hits": tracks, "dark-current-telegraph-noise": dark_telegraph,
+    "defective-columns": dead_columns, "defective-areas": areas, "dark-current-by-site": dark_site,
+    "frame-offset-by-site": site_offsets, "charge-transfer-inefficiency": transfer,
 }

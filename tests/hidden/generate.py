@@ -16,6 +16,7 @@ import sys
 
 import numpy as np
 
+import defects
 import light
 import outside
 import readout
@@ -23,7 +24,7 @@ from camera import camera_files, captures_toml, design, draw, stream
 from limits import Information
 from sensor import Sensor
 
-CATALOGUED = {e.kind: e for e in readout.EFFECTS + light.EFFECTS}
+CATALOGUED = {e.kind: e for e in readout.EFFECTS + light.EFFECTS + defects.EFFECTS}
 OUTSIDE = {e.kind: e for e in outside.EFFECTS}
 KINDS = CATALOGUED | OUTSIDE
 SIZES = {"small": (256, 256), "full": (512, 384)}

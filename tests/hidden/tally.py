@@ -14,10 +14,13 @@ BEGIN, END = "<!-- score: begin -->", "<!-- score: end -->"
 
 def essence(d):
     """The part of a diagnosis.json that is kept."""
+    # Particles are left out of the frames: a finding names them, no step of the search.
+    hits = [{"effect": "particle-hits", "status": "confirmed", "parameters": {}}
+            for e in d.get("evidence", []) if e["effect"] == "particle-hits" and e["status"] == "named"]
     return {
         "verdict": d["verdict"], "gap_before": d["gap_before"], "gap_after": d["gap_after"],
         "steps": [{"effect": s["effect"], "status": s["status"], "parameters": {
-            k: [p["value"], p.get("std_error")] for k, p in s.get("parameters", {}).items()}} for s in d["steps"]],
+            k: [p["value"], p.get("std_error")] for k, p in s.get("parameters", {}).items()}} for s in d["steps"]] + hits,
         "ambiguous": [c["effects"] for c in d.get("ambiguous", [])],
         "unexplained": [{k: u.get(k) for k in ("statistic", "where", "z", "description")} for u in d["unexplained"][:3]]}
 
