@@ -1,7 +1,9 @@
 //! Dark current and its pattern, hot pixels, offsets from frame to frame: the dark stacks over
 //! exposure.
 
+use super::areas::{Area, far, find, running_median};
 use super::bias::Bias;
+use super::drift::{Drift, Levels, likeliest};
 use super::robust::{Sorted, clipped_mean, mean, median, variance};
 use super::torn::{Torn, holds};
 use super::{Sites, Stack};
@@ -10,6 +12,10 @@ use camrig_base::tails::chi_square;
 
 /// Widths of the core above the median from which a pixel is hot.
 const HOT: f64 = 6.0;
+/// Robust standard deviations of rows' medians from which a whole row is hot.
+const HOT_ROW: f64 = 8.0;
+/// Deviation of a drift from white offsets from which it has a memory.
+const MIN_MEMORY: f64 = 3.0;
 /// Robust standard deviations at which maps are clipped.
 const CLIP: f64 = 3.0;
 
@@ -49,15 +55,21 @@ pub struct DarkCurrent {
     pub median_by_site: Vec<Value>,
     /// Variance over pixels, from the lower half.
     pub pattern_variance: Value,
-    /// Rate from which a pixel is hot.
+    /// The same about the median of each site.
+    pub variance_within_sites: Value,
+    /// Rate above that of its site, beside the median, from which a pixel is hot.
     pub hot_threshold: f64,
-    /// Share of hot pixels.
+    /// Rows, parts of lines and clusters that are hot, with their rate above the median.
+    pub hot_areas: Vec<Area>,
+    /// Share of hot pixels outside these.
     pub hot_share: Value,
     /// Mean rate of hot pixels above the threshold; none of three or fewer.
     pub hot_excess: Option<Value>,
     /// Level of the lines at exposure 0, less the bias, DN.
     pub intercept_above_bias: Value,
     pub(crate) rates: Vec<f64>,
+    /// Of each exposed stack: its exposure, its weight in the line, its frames.
+    stacks: Vec<(f64, f64, usize)>,
 }
 
 impl DarkCurrent {
@@ -95,34 +107,99 @@ impl DarkCurrent {
         let own = mean(&variances).value;
         let sorted = Sorted::new(rates.iter().copied());
         let middle = sorted.estimate(0.5);
+        let of_sites = sites.split(&rates, width).into_iter();
+        let median_by_site: Vec<Value> = of_sites.map(|r| Sorted::new(r).estimate(0.5)).collect();
+        let excess = |p: usize| rates[p] - median_by_site[sites.of(p % width, p / width)].value;
+        let mut above: Vec<f64> = (0..rates.len()).map(excess).collect();
         let core = sorted.lower_sd();
-        let hot_threshold = middle.value + HOT * core.value.max(own.sqrt());
-        let hot: Vec<f64> = rates.iter().copied().filter(|r| *r > hot_threshold).collect();
+        let within = Sorted::new(above.iter().copied()).lower_sd();
+        let limit = HOT * core.value.max(own.sqrt());
+        let hot_areas = hot_areas(&mut above, width, limit);
+        let hot: Vec<f64> = above.iter().copied().filter(|r| *r > limit).collect();
         let pixels = rates.len() as f64;
         let count = hot.len() as f64;
-        let excess: Vec<f64> = hot.iter().map(|r| r - hot_threshold).collect();
-        let by_site = sites.split(&rates, width).into_iter();
+        let excess: Vec<f64> = hot.iter().map(|r| r - limit).collect();
+        let variance = |core: Value| Value {
+            value: (core.value.powi(2) - own).max(0.0),
+            std_error: 2.0 * core.value * core.std_error,
+        };
         Some(Self {
             median: middle,
             mean: mean(&rates),
             clipped_mean: clipped_mean(rates.clone(), CLIP),
-            median_by_site: by_site.map(|r| Sorted::new(r).estimate(0.5)).collect(),
-            pattern_variance: Value {
-                value: (core.value.powi(2) - own).max(0.0),
-                std_error: 2.0 * core.value * core.std_error,
-            },
-            hot_threshold,
+            median_by_site,
+            pattern_variance: variance(core),
+            variance_within_sites: variance(within),
+            hot_threshold: middle.value + limit,
+            hot_areas,
             hot_share: Value { value: count / pixels, std_error: count.max(1.0).sqrt() / pixels },
             hot_excess: (hot.len() > 3).then(|| mean(&excess)),
             intercept_above_bias: clipped_mean(intercepts, CLIP),
             rates,
+            stacks: exposed
+                .iter()
+                .zip(&noises)
+                .map(|(d, noise)| {
+                    let frames = d.stack.frames.len();
+                    (d.stack.exposure_s, frames as f64 / noise, frames)
+                })
+                .collect(),
         })
+    }
+
+    /// Standard errors of the rates in DN/s, and of the level at exposure 0 in DN, from levels that
+    /// change by 1 DN from frame to frame with a correlation of one frame with the next; errors of
+    /// the figures are those of the pixels alone.
+    pub fn errors_of_levels(&self, correlation: f64) -> [f64; 2] {
+        let sum = |of: &dyn Fn(f64) -> f64| -> f64 {
+            self.stacks.iter().map(|(t, w, _)| w * of(*t)).sum()
+        };
+        let weight = sum(&|_| 1.0);
+        let centre = sum(&|t| t) / weight;
+        let squares = sum(&|t| (t - centre).powi(2));
+        let mut errors = [0.0; 2];
+        for (t, w, frames) in &self.stacks {
+            let of_slope = w * (t - centre) / squares;
+            let of_level = w / weight - centre * of_slope;
+            let variance = variance_of_mean(*frames, correlation);
+            errors[0] += of_slope * of_slope * variance;
+            errors[1] += of_level * of_level * variance;
+        }
+        errors.map(f64::sqrt)
     }
 
     /// Quantile over pixels of the rate, DN/s.
     pub fn quantile(&self, p: f64) -> f64 {
         Sorted::new(self.rates.iter().copied()).quantile(p)
     }
+}
+
+/// Variance of the mean of so many levels of variance 1 that are correlated with the next.
+pub fn variance_of_mean(frames: usize, correlation: f64) -> f64 {
+    let n = frames as f64;
+    let pairs = (1..frames).map(|k| (n - k as f64) * libm::pow(correlation, k as f64));
+    (n + 2.0 * pairs.sum::<f64>()) / (n * n)
+}
+
+/// The hot areas of a map of rates above the median, whose pixels are 0 in it afterwards.
+fn hot_areas(above: &mut [f64], width: usize, limit: f64) -> Vec<Area> {
+    let rows: Vec<f64> = above.chunks(width).map(|row| median(row.to_vec())).collect();
+    let departures: Vec<f64> =
+        rows.iter().zip(running_median(&rows)).map(|(r, around)| r - around).collect();
+    let row = |y: usize| {
+        let own = &above[y * width..(y + 1) * width];
+        Area { left: 0, top: y, width, height: 1, value: clipped_mean(own.to_vec(), CLIP) }
+    };
+    let hot = far(&departures, HOT_ROW, limit / HOT).into_iter().filter(|y| departures[*y] > 0.0);
+    let mut areas: Vec<Area> = hot.map(row).collect();
+    let leave_out = |areas: &[Area], above: &mut [f64]| {
+        areas.iter().flat_map(|a| a.places(width)).for_each(|p| above[p] = 0.0);
+    };
+    leave_out(&areas, above);
+    let clusters = find(above, width, |r| r > limit);
+    leave_out(&clusters, above);
+    areas.extend(clusters);
+    areas
 }
 
 /// Offsets from frame to frame, pooled over the dark stacks.
@@ -132,6 +209,8 @@ pub struct FrameOffsets {
     pub deviation: f64,
     /// Their standard deviation beyond that, DN.
     pub sd_dn: f64,
+    /// How they wander, DN, where they have a memory from frame to frame.
+    pub drift: Option<Drift>,
 }
 
 impl FrameOffsets {
@@ -139,6 +218,7 @@ impl FrameOffsets {
     pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, gain: f64) -> Option<Self> {
         let (width, height) = darks.first()?.stack.size();
         let (mut dof, mut ratio, mut beyond) = (0.0, 0.0, 0.0);
+        let mut stacks = Vec::new();
         for Dark { stack, torn, map, .. } in darks {
             let whole = |i: &usize| !torn.iter().any(|t| t.stack == stack.id && t.frame == *i);
             let frames: Vec<usize> = (0..stack.frames.len()).filter(whole).collect();
@@ -155,21 +235,28 @@ impl FrameOffsets {
                     .collect();
                 clipped_mean(rest, 4.0).value
             };
-            let offsets = variance(&frames.iter().map(level).collect::<Vec<_>>());
+            let levels: Vec<f64> = frames.iter().map(level).collect();
+            let offsets = variance(&levels);
             let charge = (median(map.iter().copied().filter(|v| !v.is_nan()).collect())
                 - median(bias.map.clone()))
             .max(0.0);
             let pixels = bias.clipped_variance + gain * charge;
+            // Offsets of sites are not common to the frame, of which each is a part.
+            let of_sites = bias.frame_site_variance.map_or(0.0, |v| v.value.max(0.0));
             let expected = pixels / (width * height) as f64
-                + bias.row_variance.value.max(0.0) / height as f64;
+                + bias.row_variance.value.max(0.0) / height as f64
+                + of_sites / bias.black_by_site.len() as f64;
             let own = frames.len() as f64 - 1.0;
             dof += own;
             ratio += own * offsets / expected;
             beyond += own * (offsets - expected);
+            stacks.push(Levels { means: levels, white: expected });
         }
+        let drift = likeliest(&stacks).filter(|d| d.memory > MIN_MEMORY);
         (dof > 0.0).then(|| Self {
             deviation: chi_square(ratio / dof, dof),
-            sd_dn: (beyond / dof).max(0.0).sqrt(),
+            sd_dn: drift.map_or((beyond / dof).max(0.0).sqrt(), |d| d.sd.value),
+            drift,
         })
     }
 }

@@ -89,10 +89,11 @@ pub fn likeliest(stacks: &[Levels]) -> Option<Drift> {
     };
     let all: Vec<(f64, f64, f64)> = (0..=STEPS).map(profile).collect();
     let &(r, ln_sd, least) = all.iter().min_by(|a, b| a.2.total_cmp(&b.2))?;
-    // As likely by one: a standard error to either side, of r and, along it, of ln σ.
-    let near = all.iter().filter(|p| p.2 < least + 1.0);
+    // As likely by four: two standard errors to either side, of r and, along it, of ln σ, as the
+    // likelihood is steeper on the side of r = 1.
+    let near = all.iter().filter(|p| p.2 < least + 4.0);
     let reach = near.fold([STEP, 0.0], |[of_r, of_sd], p| {
-        [of_r.max((p.0 - r).abs()), f64::max(of_sd, (p.1 - ln_sd).abs())]
+        [of_r.max(0.5 * (p.0 - r).abs()), f64::max(of_sd, 0.5 * (p.1 - ln_sd).abs())]
     });
     // The curvature over a step of a tenth.
     const TENTH: f64 = 0.1;

@@ -1,7 +1,9 @@
-//! Flicker of the light, gain, PRNU and defective columns: of a flat stack.
+//! Flicker of the light, gain, PRNU, defective columns, rows and areas: of a flat stack.
 
+use super::areas::{Area, far, find, mirrored, running_median};
 use super::bias::Bias;
 use super::robust::{clip, jackknife, mad_sd, mean, median};
+use super::transfer::inefficiency;
 use super::{Sites, Stack};
 use camrig_base::Value;
 use camrig_linear::{Matrix, inverse};
@@ -12,6 +14,11 @@ use std::f64::consts::TAU;
 /// which it is defective.
 const DEFECTIVE: f64 = 8.0;
 const MIN_DEFECT: f64 = 0.05;
+/// The same of a line from those around it, and of a pixel of an area from the rest.
+const MIN_LINE_DEFECT: f64 = 0.04;
+const MIN_AREA_DEFECT: f64 = 0.1;
+/// Part of the median level from which a pixel's noise tells the gain: that of others is not light's.
+const MIN_LIT: f64 = 0.5;
 /// The power of flicker over the median power from which it is fitted, and the scatter of rows
 /// from which it is fitted in any case.
 const MIN_POWER: f64 = 30.0;
@@ -39,6 +46,11 @@ pub struct Flat {
     pub defective_columns: Vec<usize>,
     /// Their mean gain relative to the others; none where there are none.
     pub defective_gain: Option<Value>,
+    /// Rows, parts of lines and clusters whose gain departs, with their gain relative to the others.
+    pub defective_areas: Vec<Area>,
+    /// Charge that stays behind at each transfer along rows and down columns; none where the noise
+    /// is not that of light.
+    pub transfer_inefficiency: [Option<Value>; 2],
 }
 
 /// The strongest frequency of the light over rows.
@@ -84,10 +96,22 @@ impl Flat {
             let Value { value, std_error } = mean(&own);
             Value::new(value, std_error.max(mad_sd(&gains) / (own.len() as f64).sqrt()))
         });
+        let mut used = vec![true; width * height];
+        let columns = |x: &usize| (*x..width * height).step_by(width);
+        defective_columns.iter().flat_map(columns).for_each(|p| used[p] = false);
+        let mut defective_areas = defective_rows(&maps, whole, sites);
+        defective_areas.iter().flat_map(|a| a.places(width)).for_each(|p| used[p] = false);
+        let both = halves[0].iter().zip(&halves[1]).zip(&used);
+        let map: Vec<f64> =
+            both.map(|((a, b), used)| if *used { 0.5 * (a + b) } else { 0.0 }).collect();
+        let limit = (DEFECTIVE * mad_sd(&map)).max(MIN_AREA_DEFECT);
+        for mut area in find(&map, width, |v| v.abs() > limit) {
+            area.places(width).for_each(|p| used[p] = false);
+            area.value.value += 1.0;
+            defective_areas.push(area);
+        }
         for map in &mut halves {
-            for row in map.chunks_mut(width) {
-                defective_columns.iter().for_each(|x| row[*x] = 0.0);
-            }
+            map.iter_mut().zip(&used).for_each(|(v, used)| *v = if *used { *v } else { 0.0 });
             clip(map, 5.0);
             remove_local_mean(map, width);
         }
@@ -97,10 +121,9 @@ impl Flat {
             let lag = mean(&products(dx, dy));
             Value { value: lag.value / whole_product, std_error: lag.std_error / whole_product }
         };
-        let used = |x: usize| !defective_columns.contains(&x);
         let by_site = maps.iter().enumerate().map(|(s, maps)| {
             let own = products(0, 0).into_iter().enumerate();
-            let own = own.filter(|(p, _)| used(p % width) && sites.of(p % width, p / width) == s);
+            let own = own.filter(|(p, _)| used[*p] && sites.of(p % width, p / width) == s);
             let product = mean(&own.map(|(_, v)| v).collect::<Vec<_>>());
             // The mean over the square contains the pixel itself.
             let kept = 1.0 - 1.0 / ((2 * REACH + 1) * (2 * REACH + 1)) as f64;
@@ -122,6 +145,8 @@ impl Flat {
             gain_correlation: [(1, 0), (0, 1), (2, 0), (0, 2)].map(correlation),
             defective_columns,
             defective_gain,
+            defective_areas,
+            transfer_inefficiency: inefficiency(&frames, width, bias.clipped_variance),
         }
     }
 }
@@ -251,9 +276,11 @@ fn amplitudes(lines: &[&Vec<f64>], frequency: f64) -> (f64, f64) {
 struct SiteMaps {
     width: usize,
     level: Value,
-    /// Temporal variance over the level, for each pixel.
+    /// Temporal variance over the level, for each pixel that is lit, and the mean level of these.
     variance_ratio: Vec<f64>,
     mean_level: f64,
+    /// Rows that depart from those around them, with their gain relative to these.
+    defective_rows: Vec<(usize, f64)>,
     /// Relative gain less 1, of even and of odd frames.
     gains: [Vec<f64>; 2],
 }
@@ -279,7 +306,8 @@ impl SiteMaps {
         let mut light: Vec<Vec<f64>> = own.iter().map(of_rows).collect();
         for y in 0..light[0].len() {
             let average = light.iter().map(|f| f[y]).sum::<f64>() / n;
-            light.iter_mut().for_each(|f| f[y] /= average);
+            // Of a row without light, the light of frames is not known.
+            light.iter_mut().for_each(|f| f[y] = if average < 1.0 { 1.0 } else { f[y] / average });
         }
         let gain_of = |takes: fn(usize) -> bool| -> Vec<f64> {
             let taken = || own.iter().zip(&light).enumerate().filter(|(i, _)| takes(*i));
@@ -302,16 +330,25 @@ impl SiteMaps {
                 .sum();
             squares / dof / average[p].max(1.0)
         };
-        let variance_ratio = (0..gain.len()).map(ratio).collect();
+        let limit = MIN_LIT * median(average.clone());
+        let lit: Vec<usize> = (0..gain.len()).filter(|p| average[*p] >= limit).collect();
+        let variance_ratio = lit.iter().map(|p| ratio(*p)).collect();
+        let levels: Vec<f64> = lit.iter().map(|p| average[*p].max(1.0)).collect();
         let frame_means: Vec<f64> =
             own.iter().map(|f| libm::log(mean(f).value.max(1.0))).collect();
         let mean_level = mean(&average).value;
+        let middles = row_medians(&gain, columns);
+        let around = running_median(&middles);
+        let departures: Vec<f64> =
+            middles.iter().zip(&around).map(|(m, a)| m / a.max(1.0) - 1.0).collect();
+        let rows = far(&departures, DEFECTIVE, MIN_LINE_DEFECT);
         let relative = |mut gain: Vec<f64>| {
-            for row in gain.chunks_mut(columns) {
-                let middle = median(row.to_vec());
+            let middles = row_medians(&gain, columns);
+            for (y, row) in gain.chunks_mut(columns).enumerate() {
+                let middle = if rows.contains(&y) { around[y] } else { middles[y] };
                 row.iter_mut().for_each(|v| *v /= middle);
             }
-            let smooth = smooth(&without_defective(&gain, columns), columns);
+            let smooth = smooth(&without_defective(&gain, columns, &rows), columns);
             gain.iter().zip(smooth).map(|(g, s)| g / s - 1.0).collect()
         };
         Self {
@@ -321,7 +358,8 @@ impl SiteMaps {
                 std_error: mean_level * mean(&frame_means).std_error,
             },
             variance_ratio,
-            mean_level: mean(&average.iter().map(|v| v.max(1.0)).collect::<Vec<_>>()).value,
+            mean_level: mean(&levels).value,
+            defective_rows: rows.iter().map(|y| (*y, 1.0 + departures[*y])).collect(),
             gains: [relative(gain_of(|i| i % 2 == 0)), relative(gain_of(|i| i % 2 == 1))],
         }
     }
@@ -366,36 +404,38 @@ fn defective(gains: &[f64]) -> Vec<usize> {
     (0..gains.len()).filter(|x| (gains[*x] - centre).abs() > limit).collect()
 }
 
-/// Columns that depart from the running median of columns replaced by it, so that they do not bend
-/// the smooth model.
-fn without_defective(gain: &[f64], width: usize) -> Vec<f64> {
-    /// Columns on each side.
-    const NEAR: usize = 3;
-    /// Least departure of a column to be replaced.
-    const LEAST: f64 = 0.04;
-    let column = |x: usize| median(gain.iter().skip(x).step_by(width).copied().collect());
-    let columns: Vec<f64> = (0..width).map(column).collect();
-    let around = |x: usize| {
-        let offsets = 0..=2 * NEAR;
-        let near =
-            offsets.map(|k| columns[mirrored(x as isize + k as isize - NEAR as isize, width)]);
-        median(near.collect())
-    };
-    let running: Vec<f64> = (0..width).map(around).collect();
-    let ratios: Vec<f64> = columns.iter().zip(&running).map(|(c, r)| c / r).collect();
-    let limit = (DEFECTIVE * mad_sd(&ratios)).max(LEAST);
-    let mut filled = gain.to_vec();
-    for x in (0..width).filter(|x| (ratios[*x] - 1.0).abs() > limit) {
-        filled.iter_mut().skip(x).step_by(width).for_each(|v| *v = running[x]);
-    }
-    filled
+fn row_medians(map: &[f64], width: usize) -> Vec<f64> {
+    map.chunks(width).map(|row| median(row.to_vec())).collect()
 }
 
-/// An index mirrored at the first and the last of `n`.
-fn mirrored(i: isize, n: usize) -> usize {
-    let last = n as isize - 1;
-    let i = if i < 0 { -i } else { i };
-    (if i > last { 2 * last - i } else { i }).clamp(0, last) as usize
+/// Rows of the sensor that depart at each of their sites.
+fn defective_rows(maps: &[SiteMaps], [width, height]: [usize; 2], sites: Sites) -> Vec<Area> {
+    let of_row = |y: usize| {
+        let own = &maps[y % sites.down * sites.across..][..sites.across];
+        let gain = |map: &SiteMaps| {
+            map.defective_rows.iter().find(|(row, _)| *row == y / sites.down).map(|r| r.1)
+        };
+        let value = mean(&own.iter().map(gain).collect::<Option<Vec<f64>>>()?);
+        Some(Area { left: 0, top: y, width, height: 1, value })
+    };
+    (0..height).filter_map(of_row).collect()
+}
+
+/// Columns that depart from the running median of columns, and `rows`, replaced by what is around
+/// them, so that they do not bend the smooth model.
+fn without_defective(gain: &[f64], width: usize, rows: &[usize]) -> Vec<f64> {
+    let column = |x: usize| median(gain.iter().skip(x).step_by(width).copied().collect());
+    let columns: Vec<f64> = (0..width).map(column).collect();
+    let running = running_median(&columns);
+    let departures: Vec<f64> = columns.iter().zip(&running).map(|(c, r)| c / r - 1.0).collect();
+    let mut filled = gain.to_vec();
+    for x in far(&departures, DEFECTIVE, MIN_LINE_DEFECT) {
+        filled.iter_mut().skip(x).step_by(width).for_each(|v| *v = running[x]);
+    }
+    for y in rows {
+        filled[y * width..(y + 1) * width].copy_from_slice(&running);
+    }
+    filled
 }
 
 /// Legendre polynomials up to degree four along each side, fewer on short ones, by least squares.

@@ -16,9 +16,12 @@
 //! | [`robust`] | medians, clipping, quantiles with standard errors |
 //! | [`torn`] | frames whose lower rows are of another exposure |
 //! | [`bias`] | black level, read noise, noise of rows and frames, offset patterns |
-//! | [`flat`] | flicker, gain, PRNU, defective columns |
+//! | [`areas`] | rows, parts of lines and clusters that stand out |
+//! | `transfer` | charge that a CCD leaves behind |
+//! | [`flat`] | flicker, gain, PRNU, defective columns and areas |
 //! | [`dark`] | dark current, its pattern, hot pixels, offsets from frame to frame |
 //! | [`drift`] | levels that wander from frame to frame, with their memory |
+//! | [`gains`] | noise and patterns behind the gain, from the bias at several gains |
 //! | [`telegraph`] | pixels that blink: of the read-out, or of the dark current |
 //!
 //! ```
@@ -45,14 +48,17 @@
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+pub mod areas;
 pub mod bias;
 pub mod dark;
 pub mod drift;
 pub mod flat;
+pub mod gains;
 pub mod robust;
 pub mod stack;
 pub mod telegraph;
 pub mod torn;
+mod transfer;
 
 pub use camrig_base as base;
 pub use stack::{Sites, Stack};
@@ -60,6 +66,7 @@ pub use stack::{Sites, Stack};
 use camrig_base::{Error, Result, Value};
 use camrig_captures::Role;
 use rayon::prelude::*;
+use std::cmp::Ordering;
 
 /// What the stacks of one gain show.
 #[derive(Clone, Debug)]
@@ -79,6 +86,8 @@ pub struct Estimates {
     pub frame_offsets: Option<dark::FrameOffsets>,
     /// Pixels that blink.
     pub telegraph: telegraph::Telegraph,
+    /// What lies behind the gain; none where all dark stacks have the same.
+    pub behind_gain: Option<gains::BehindGain>,
     size: (usize, usize),
 }
 
@@ -89,15 +98,19 @@ impl Estimates {
     }
 }
 
-/// Estimates everything that the dark and flat stacks of one analog gain show. The dark stack with
-/// the shortest exposure is the bias; stacks of other roles are ignored. Where no flat shows the gain, shot noise is that of
-/// `dn_per_e`.
+/// Estimates everything that the dark and flat stacks of one analog gain show: that of the most
+/// stacks, of several the lowest. The dark stack with the shortest exposure is the bias, and that of
+/// each other gain tells what lies behind the gain; stacks of other roles are ignored. Where no flat
+/// shows the gain, shot noise is that of `dn_per_e`.
 ///
 /// # Errors
 /// No dark stack with two frames or more; frames of different sizes, or smaller than 16 pixels.
 pub fn estimate(stacks: &[Stack], sites: Sites, dn_per_e: f64) -> Result<Estimates> {
-    let mut darks: Vec<&Stack> = stacks.iter().filter(|s| s.role == Role::Dark).collect();
-    darks.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    let mut of_gains: Vec<&Stack> = stacks.iter().filter(|s| s.role == Role::Dark).collect();
+    of_gains.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    let main = main_gain(stacks);
+    let is_main = |s: &&Stack| s.analog_gain == main;
+    let darks: Vec<&Stack> = of_gains.iter().copied().filter(is_main).collect();
     let Some(shortest) = darks.first().filter(|s| s.frames.len() >= 2) else {
         return Err(Error::input("no dark stack with two frames or more")
             .help("take some ten dark frames at the shortest exposure"));
@@ -108,7 +121,8 @@ pub fn estimate(stacks: &[Stack], sites: Sites, dn_per_e: f64) -> Result<Estimat
     }
     let torn = torn::find(&darks);
     let bias = bias::Bias::of(shortest, sites);
-    let flat_stacks = stacks.iter().filter(|s| s.role == Role::Flat && s.frames.len() >= 2);
+    let flat_stacks = stacks.iter().filter(is_main);
+    let flat_stacks = flat_stacks.filter(|s| s.role == Role::Flat && s.frames.len() >= 2);
     let flats: Vec<flat::Flat> = flat_stacks.map(|s| flat::Flat::of(s, &bias, sites)).collect();
     let gain = Value::combine(flats.iter().flat_map(|f| f.sites.iter().map(|s| s.gain)));
     let darks: Vec<dark::Dark<'_>> =
@@ -117,7 +131,35 @@ pub fn estimate(stacks: &[Stack], sites: Sites, dn_per_e: f64) -> Result<Estimat
     let dark_current = dark::DarkCurrent::of(&darks, &bias, sites, dn_per_e);
     let frame_offsets = dark::FrameOffsets::of(&darks, &bias, dn_per_e);
     let telegraph = telegraph::Telegraph::of(&darks, &bias, dn_per_e);
-    Ok(Estimates { torn, bias, flats, gain, dark_current, frame_offsets, telegraph, size })
+    let mut biases = vec![(main, bias.clone())];
+    for stack in of_gains.iter().filter(|s| s.frames.len() >= 2) {
+        if !biases.iter().any(|(gain, _)| *gain == stack.analog_gain) {
+            biases.push((stack.analog_gain, bias::Bias::of(stack, sites)));
+        }
+    }
+    let behind_gain = gains::BehindGain::of(&biases);
+    Ok(Estimates {
+        torn,
+        bias,
+        flats,
+        gain,
+        dark_current,
+        frame_offsets,
+        telegraph,
+        behind_gain,
+        size,
+    })
+}
+
+/// The analog gain of the most stacks, of several the lowest.
+fn main_gain(stacks: &[Stack]) -> f64 {
+    let count = |gain: f64| stacks.iter().filter(|s| s.analog_gain == gain).count();
+    let better = |a: f64, b: f64| match count(b).cmp(&count(a)) {
+        Ordering::Greater => b,
+        Ordering::Equal => a.min(b),
+        Ordering::Less => a,
+    };
+    stacks.iter().map(|s| s.analog_gain).reduce(better).unwrap_or(1.0)
 }
 
 #[cfg(test)]

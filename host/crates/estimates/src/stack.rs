@@ -12,19 +12,27 @@ pub struct Stack {
     pub role: Role,
     /// Exposure time, s.
     pub exposure_s: f64,
+    /// Analog gain, 1 = unity.
+    pub analog_gain: f64,
     /// Samples in DN, frame after frame in order of time.
     pub frames: Vec<Plane<u16>>,
 }
 
 impl Stack {
-    /// A stack of these frames.
+    /// A stack of these frames, at unity gain.
     pub fn new(
         id: impl Into<String>,
         role: Role,
         exposure_s: f64,
         frames: Vec<Plane<u16>>,
     ) -> Self {
-        Self { id: id.into(), role, exposure_s, frames }
+        Self { id: id.into(), role, exposure_s, analog_gain: 1.0, frames }
+    }
+
+    /// The same at another analog gain.
+    #[must_use]
+    pub fn at_gain(self, analog_gain: f64) -> Self {
+        Self { analog_gain, ..self }
     }
 
     /// Width and height; 0 of a stack without frames.

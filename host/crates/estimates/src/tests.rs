@@ -152,6 +152,18 @@ struct Sensor {
     /// Row from which frame 0 of the longest dark stack is of an exposure of one second.
     torn_row: Option<usize>,
     dead_column: Option<usize>,
+    dead_row: Option<usize>,
+    /// A row, and a square of four pixels by four, with more dark current.
+    hot_row: Option<usize>,
+    hot_corner: Option<[usize; 2]>,
+    /// Dark current of each site beside that of all.
+    site_rates: [f64; 4],
+    /// What stays behind at each transfer, along rows and down columns.
+    inefficiency: [f64; 2],
+    /// Memory of the frame offset.
+    memory: f64,
+    /// Noise of pixels behind the gain, and a pattern of columns there, DN.
+    behind_dn: [f64; 2],
 }
 
 const SENSOR: Sensor = Sensor {
@@ -171,6 +183,13 @@ const SENSOR: Sensor = Sensor {
     dark_telegraph: [0.0, 0.0],
     torn_row: None,
     dead_column: None,
+    dead_row: None,
+    hot_row: None,
+    hot_corner: None,
+    site_rates: [0.0; 4],
+    inefficiency: [0.0; 2],
+    memory: 0.0,
+    behind_dn: [0.0; 2],
 };
 
 impl Sensor {
@@ -191,14 +210,24 @@ impl Sensor {
             (0..pixels).map(|_| self.read_noise * (self.spread * normal()).exp()).collect();
         let rate: Vec<f64> = (0..pixels)
             .map(|p| {
+                let (x, y) = (p % width, p / width);
+                let in_corner = |[left, top]: [usize; 2]| {
+                    (left..left + 4).contains(&x) && (top..top + 4).contains(&y)
+                };
+                let is_hot =
+                    hot[p] || self.hot_row == Some(y) || self.hot_corner.is_some_and(in_corner);
                 (self.dark_current + self.pattern * normal()).max(0.0)
-                    + if hot[p] { 20.0 } else { 0.0 }
+                    + self.site_rates[y % 2 * 2 + x % 2]
+                    + if is_hot { 20.0 } else { 0.0 }
             })
             .collect();
+        let columns: Vec<f64> = (0..width).map(|_| self.behind_dn[1] * normal()).collect();
         let relative: Vec<f64> = (0..pixels)
             .map(|p| {
                 let dead = self.dead_column == Some(p % width);
-                (1.0 + self.prnu * normal()) * if dead { 0.5 } else { 1.0 }
+                let dead = if dead { 0.5 } else { 1.0 };
+                let row = if self.dead_row == Some(p / width) { 0.0 } else { 1.0 };
+                (1.0 + self.prnu * normal()) * dead * row
             })
             .collect();
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed + 2000);
@@ -207,9 +236,12 @@ impl Sensor {
         plan.into_iter()
             .chain([(Role::Flat, 0.005, 12)])
             .map(|(role, exposure, count)| {
+                let mut wandering = normal();
                 let frames = (0..count).map(|i| {
                     let phase = uniform.sample(&mut rng);
-                    let offset = self.frame_offset * normal();
+                    wandering = self.memory * wandering
+                        + (1.0 - self.memory * self.memory).sqrt() * normal();
+                    let offset = self.frame_offset * wandering;
                     let rows: Vec<[f64; 2]> = (0..height)
                         .map(|_| {
                             let (a, b) =
@@ -217,8 +249,8 @@ impl Sensor {
                             [a + b, a - b]
                         })
                         .collect();
-                    Plane::from_fn(width, height, |x, y| {
-                        let p = y * width + x;
+                    let charge = |p: usize| -> f64 {
+                        let y = p / width;
                         let torn = role == Role::Dark
                             && exposure == 100.0
                             && i == 0
@@ -237,25 +269,44 @@ impl Sensor {
                             0.0
                         };
                         let mean = light + (rate[p] + jump) * time;
-                        let charge: f64 = if mean > 0.0 {
-                            Poisson::new(mean).unwrap().sample(&mut rng)
-                        } else {
-                            0.0
-                        };
+                        if mean > 0.0 { Poisson::new(mean).unwrap().sample(&mut rng) } else { 0.0 }
+                    };
+                    let mut charges: Vec<f64> = (0..pixels).map(charge).collect();
+                    self.transfer(&mut charges, width);
+                    Plane::from_fn(width, height, |x, y| {
+                        let p = y * width + x;
                         let state = if blinking[p] && uniform.sample(&mut rng) < 0.5 {
                             self.readout_telegraph[1]
                         } else {
                             0.0
                         };
                         let electrons =
-                            charge + read[p] * normal() + state + offset + rows[y][x % 2];
-                        (144.0 + self.gain * electrons).round().clamp(0.0, 4095.0) as u16
+                            charges[p] + read[p] * normal() + state + offset + rows[y][x % 2];
+                        let behind = self.behind_dn[0] * normal() + columns[x];
+                        (144.0 + self.gain * electrons + behind).round().clamp(0.0, 4095.0) as u16
                     })
                 });
                 let frames: Vec<Plane<u16>> = frames.collect();
                 Stack::new(format!("{role:?}-{exposure}"), role, exposure, frames)
             })
             .collect()
+    }
+
+    /// Leaves behind what each transfer does, one after the other, for the next packet.
+    fn transfer(&self, charges: &mut [f64], width: usize) {
+        let [serial, parallel] = self.inefficiency;
+        let mut trail = |share: f64, place: &dyn Fn(usize) -> usize, step: usize| {
+            for p in (0..charges.len()).rev() {
+                let lost = 1.0 - (1.0 - share).powi(place(p) as i32 + 1);
+                let left = lost * charges[p];
+                charges[p] -= left;
+                if p + step < charges.len() && place(p + step) == place(p) + 1 {
+                    charges[p + step] += left;
+                }
+            }
+        };
+        trail(parallel, &|p| p / width, width);
+        trail(serial, &|p| p % width, 1);
     }
 
     fn found(&self, size: [usize; 2], seed: u64) -> Estimates {
@@ -361,6 +412,95 @@ fn hot_pixels_are_counted() {
     let dark = found.dark_current.unwrap();
     assert!((dark.hot_share.value - 0.01).abs() < 4.0 * dark.hot_share.std_error, "{dark:?}");
     assert_is(dark.median, 0.27 * 2.006, 0.01);
+}
+
+#[test]
+fn rows_and_clusters_that_are_dead_or_hot_are_areas_and_leave_the_rest_as_it_is() {
+    let sensor = Sensor {
+        dead_row: Some(31),
+        hot_row: Some(60),
+        hot_corner: Some([20, 40]),
+        hot_share: 0.005,
+        ..SENSOR
+    };
+    let found = sensor.found([96, 80], 9);
+    let place = |a: &areas::Area| [a.left, a.top, a.width, a.height];
+    let (flat, dark) = (&found.flats[0], found.dark_current.as_ref().unwrap());
+    let dead: Vec<_> = flat.defective_areas.iter().map(place).collect();
+    assert_eq!(dead, [[0, 31, 96, 1]]);
+    assert!(flat.defective_areas[0].value.value.abs() < 0.01, "{:?}", flat.defective_areas);
+    let hot: Vec<_> = dark.hot_areas.iter().map(place).collect();
+    assert_eq!(hot, [[0, 60, 96, 1], [20, 40, 4, 4]]);
+    for area in &dark.hot_areas {
+        assert!((area.value.value / (0.27 * 20.0) - 1.0).abs() < 0.1, "{area:?}");
+    }
+    assert!((dark.hot_share.value - 0.005).abs() < 4.0 * dark.hot_share.std_error, "{dark:?}");
+    assert_is(found.gain.unwrap(), 0.27, 0.02);
+    assert_is(flat.sites[0].prnu_variance.sqrt().unwrap(), 0.008, 0.1);
+    let nothing = SENSOR.found([96, 80], 9);
+    assert!(nothing.flats[0].defective_areas.is_empty());
+    assert!(nothing.dark_current.unwrap().hot_areas.is_empty());
+}
+
+#[test]
+fn sites_of_other_dark_currents_are_neither_hot_nor_a_spread() {
+    let found = Sensor { site_rates: [0.0, 0.0, 0.0, 4.0], ..SENSOR }.found([96, 80], 10);
+    let dark = found.dark_current.unwrap();
+    for (site, rate) in [2.0, 2.0, 2.0, 6.0].into_iter().enumerate() {
+        assert_is(dark.median_by_site[site], 0.27 * rate, 0.02);
+    }
+    assert!(dark.hot_share.value < 3e-4 && dark.hot_areas.is_empty(), "{dark:?}");
+    assert_is(dark.variance_within_sites, (0.27f64 * 0.3).powi(2), 0.1);
+}
+
+#[test]
+fn charge_that_stays_behind_is_the_slope_of_the_correlation_of_neighbours() {
+    let found = Sensor { inefficiency: [0.002, 0.001], ..SENSOR }.found([128, 112], 11);
+    let [serial, parallel] = found.flats[0].transfer_inefficiency.map(Option::unwrap);
+    assert_is(serial, 0.002, 0.1);
+    assert_is(parallel, 0.001, 0.2);
+    for flat in &SENSOR.found([96, 80], 12).flats {
+        let z = flat.transfer_inefficiency.map(|v| v.unwrap().z());
+        assert!(z.iter().all(|z| z.abs() < 4.0), "{z:?}");
+    }
+}
+
+#[test]
+fn a_level_that_wanders_has_a_memory_and_white_offsets_have_none() {
+    let sensor = Sensor { frame_offset: 1.0, memory: 0.8, ..SENSOR };
+    let found = sensor.found([96, 80], 13).frame_offsets.unwrap();
+    let drift = found.drift.unwrap();
+    assert!(
+        (drift.correlation.value - 0.8).abs() < 3.0 * drift.correlation.std_error,
+        "{drift:?}"
+    );
+    assert!((drift.sd.value - 0.27).abs() < 3.0 * drift.sd.std_error, "{drift:?}");
+    let white = Sensor { frame_offset: 1.0, ..SENSOR }.found([96, 80], 14).frame_offsets.unwrap();
+    assert!(white.drift.is_none() && white.deviation > 5.0, "{white:?}");
+}
+
+/// The bias of the same sensor at four times the gain.
+fn with_another_gain(sensor: &Sensor, seed: u64) -> Estimates {
+    let mut stacks = sensor.stacks([96, 80], seed);
+    let high = Sensor { gain: 4.0 * sensor.gain, ..sensor.clone() };
+    let bias = high.stacks([96, 80], seed).swap_remove(0);
+    stacks.push(Stack { id: "high".into(), ..bias.at_gain(4.0) });
+    estimate(&stacks, sensor.sites, 0.27).unwrap()
+}
+
+#[test]
+fn what_is_behind_the_gain_does_not_grow_with_it() {
+    let sensor = Sensor { behind_dn: [1.2, 0.4], row_noise: 1.0, ..SENSOR };
+    let found = with_another_gain(&sensor, 15).behind_gain.unwrap();
+    assert_is(found.read_noise.behind, 1.44, 0.1);
+    assert_is(found.read_noise.before, (0.27f64 * 6.0).powi(2), 0.1);
+    assert_is(found.column_pattern.behind, 0.16, 0.3);
+    assert_is(found.rows.before, 0.27f64.powi(2), 0.2);
+    assert!(found.rows.behind.z().abs() < 4.0, "{found:?}");
+    assert!(SENSOR.found([96, 80], 16).behind_gain.is_none());
+    let nothing = with_another_gain(&SENSOR, 17).behind_gain.unwrap();
+    let all = [nothing.read_noise, nothing.rows, nothing.column_pattern, nothing.pixel_pattern];
+    assert!(all.iter().all(|p| p.behind.z().abs() < 4.0), "{nothing:?}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use camrig_camera::Camera;
 use camrig_exposure::rows::rows;
 use camrig_sensor_core::arith::{Arith, BLOCK, Block, Float, blocks};
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
-use camrig_sensor_core::effects::Needs;
+use camrig_sensor_core::effects::{Effect, Needs};
 use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -21,7 +21,7 @@ const SHORTEST_S: f32 = 1e-9;
 
 /// The sensor of a camera that makes a replicate of a stack, with whose first frame it starts;
 /// `seed` names the sensor and its noise. It is given photo-electrons, so that its bands do not
-/// matter.
+/// matter. Particles are left out of the frames, and so they are of the model.
 fn sensor(camera: &Camera, stack: &Stack, seed: u64) -> Result<SensorConfig> {
     if camera.chain().iter().any(|e| e.entry().needs == Needs::EarlierFrames) {
         return Err(Error::unsupported(
@@ -31,6 +31,7 @@ fn sensor(camera: &Camera, stack: &Stack, seed: u64) -> Result<SensorConfig> {
     }
     let band = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
     let mut config = camera.clone().starting_at(stack.first_number).sensor_config(&band)?;
+    config.effects.retain(|e| !matches!(e, Effect::ParticleHits(_)));
     config.seed = seed;
     Ok(config)
 }

@@ -7,6 +7,8 @@ use crate::report::Amount;
 use camrig_base::{Value, tails};
 use camrig_camera::Camera;
 use camrig_estimates::Estimates;
+use camrig_estimates::areas::Area;
+use camrig_estimates::dark::variance_of_mean;
 use camrig_estimates::flat::Flat;
 use camrig_fourier::sinc;
 use std::f64::consts::SQRT_2;
@@ -17,8 +19,14 @@ const MIN_PIXELS: f64 = 5.0;
 /// Deviation from the median variance from which [`camrig_estimates::bias`] counts a pixel as
 /// noisy.
 const NOISY: f64 = 6.0;
-/// Most columns that are listed by number.
+/// Most columns and areas that are listed by number.
 const MAX_LISTED: usize = 8;
+/// Error of a level in DN below which half a code is told from other offsets.
+const MAX_CODE_ERROR: f64 = 0.08;
+/// Deviation from which frames' offsets widen the errors of levels.
+const MIN_OFFSETS: f64 = 3.0;
+/// Largest correlation of a frame's offset with the next in the effect.
+const MAX_CORRELATION: f64 = 0.95;
 /// Chance from frame to frame that a blinking pixel is renewed, where the frames are too few to
 /// show it: between that of frames in close succession and of independent ones.
 const RENEWAL: f64 = 0.5;
@@ -76,6 +84,57 @@ impl Test {
     }
 }
 
+/// What levels that change from frame to frame add to errors: of the bias in DN, of dark rates in
+/// DN/s and their line at exposure 0 in DN; of the rates of single sites.
+#[derive(Clone, Copy, Default)]
+struct LevelErrors {
+    black: f64,
+    rate: f64,
+    at_0: f64,
+    rate_of_site: f64,
+}
+
+impl LevelErrors {
+    fn of(data: &Estimates, model: &Estimates) -> Self {
+        let [d, m] = [data, model].map(Self::of_one);
+        let both = |of: fn(&Self) -> f64| libm::hypot(of(&d), of(&m));
+        Self {
+            black: both(|e| e.black),
+            rate: both(|e| e.rate),
+            at_0: both(|e| e.at_0),
+            rate_of_site: both(|e| e.rate_of_site),
+        }
+    }
+
+    fn of_one(e: &Estimates) -> Self {
+        let offsets = e.frame_offsets.filter(|o| o.deviation > MIN_OFFSETS);
+        let sd = offsets.map_or(0.0, |o| o.sd_dn);
+        let memory = offsets.and_then(|o| o.drift).map_or(0.0, |d| d.correlation.value);
+        let of_site = e.bias.frame_site_variance.map_or(0.0, |v| v.value.max(0.0).sqrt());
+        // What independent offsets of sites leave in the mean of all.
+        let of_all = of_site / (e.bias.black_by_site.len() as f64).sqrt();
+        let mean = |memory: f64| variance_of_mean(e.bias.frames(), memory).sqrt();
+        // Lines that scatter have a mean of their own.
+        let (width, height) = e.size();
+        let lines = e.bias.pattern.columns.value.max(0.0) / width as f64
+            + e.bias.pattern.rows.value.max(0.0) / height as f64;
+        let black = libm::hypot(sd * mean(memory), lines.sqrt());
+        let Some(dark) = &e.dark_current else { return Self { black, ..Self::default() } };
+        let [common, of_sites] = [memory, 0.0].map(|memory| dark.errors_of_levels(memory));
+        let rate = libm::hypot(sd * common[0], of_all * of_sites[0]);
+        // The lines are those of the bias too.
+        let of_frames = sd * libm::hypot(common[1], mean(memory));
+        let at_0 = libm::hypot(of_frames, of_all * libm::hypot(of_sites[1], mean(0.0)));
+        let rate_of_site = of_site * of_sites[0];
+        Self { black, rate, at_0, rate_of_site }
+    }
+}
+
+/// A figure with another error beside its own.
+fn widened(v: Value, error: f64) -> Value {
+    Value::new(v.value, libm::hypot(v.std_error, error))
+}
+
 /// Two figures with their own errors.
 fn differs(data: Value, model: Value) -> f64 {
     let error = libm::hypot(data.std_error, model.std_error);
@@ -121,7 +180,34 @@ pub(super) fn all(data: &Estimates, model: &Estimates) -> Vec<Test> {
     tests.extend(of_darks(data, model));
     tests.extend(of_blinking(data, model));
     tests.extend(of_flats(data, model));
+    tests.push(of_areas(data, model));
+    tests.push(of_gains(data, model));
     tests
+}
+
+/// Noise and patterns that do not grow with the gain.
+fn of_gains(data: &Estimates, model: &Estimates) -> Test {
+    let Some((d, m)) = data.behind_gain.zip(model.behind_gain) else {
+        let why = "needs dark stacks at two analog gains";
+        return Test::undecided("gain-stage", why);
+    };
+    let all = [
+        ("read_noise_behind", d.read_noise, m.read_noise),
+        ("row_noise_behind", d.rows, m.rows),
+        ("column_pattern_behind", d.column_pattern, m.column_pattern),
+        ("row_pattern_behind", d.row_pattern, m.row_pattern),
+        ("pixel_pattern_behind", d.pixel_pattern, m.pixel_pattern),
+    ]
+    .map(|(name, d, m)| (name, d.behind, differs(d.behind, m.behind)));
+    let shown_by = "variances of the bias over the square of the analog gain: what is left of them \
+                    at no gain";
+    let mut test = Test::new("gain-stage", largest(all.iter().map(|a| a.2)), shown_by);
+    for (name, behind, z) in all {
+        if let Some(sigma) = behind.sqrt().filter(|_| z > super::MIN_DEVIATION) {
+            test = test.with(name, sigma, "DN");
+        }
+    }
+    Test { in_part: true, ..test }
 }
 
 fn dn_per_e(data: &Estimates) -> Option<f64> {
@@ -134,9 +220,25 @@ fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
     // Noise of rows that the model lacks leaves its rest in the mean too.
     let line_null =
         |i: usize, v: Value| Value::new(v.value, d.pattern.line_nulls[i].max(v.std_error));
-    let black =
-        largest(d.black_by_site.iter().zip(&m.black_by_site).map(|(d, m)| differs(*d, *m)));
-    let black = Test::new("black-level-offset", black, "means of the bias frames");
+    let levels = LevelErrors::of(data, model);
+    let black = largest(
+        d.black_by_site
+            .iter()
+            .zip(&m.black_by_site)
+            .map(|(d, m)| differs(widened(*d, levels.black), *m)),
+    );
+    let truncated = d.black_by_site.iter().zip(&m.black_by_site).all(|(d, m)| {
+        let error = libm::hypot(d.std_error, m.std_error);
+        (d.value - m.value + 0.5).abs() < 3.0 * error && error < MAX_CODE_ERROR
+    });
+    let shown_by = match truncated {
+        true => {
+            "means of the bias frames; half a code below the model at every site, as of a converter \
+             that truncates"
+        }
+        false => "means of the bias frames",
+    };
+    let black = Test::new("black-level-offset", black, shown_by);
     let black = match &d.black_by_site[..] {
         [one] => black.with("level", *one, "DN"),
         several => with_sites(black, several, "DN"),
@@ -206,9 +308,22 @@ fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
     }
     if let (Some(d), Some(m)) = (data.frame_offsets, model.frame_offsets) {
         let z = (d.deviation - m.deviation.max(0.0)) / SQRT_2;
-        let test = Test::new("frame-offset-noise", z, "means of the dark frames over time");
-        let error = d.sd_dn / d.deviation.max(1.0);
-        tests.push(test.with("sigma", Value::new(d.sd_dn, error), "DN"));
+        let sigma = Value::new(d.sd_dn, d.sd_dn / d.deviation.max(1.0));
+        let white = "means of the dark frames over time";
+        let test = |shown_by, sigma| {
+            Test::new("frame-offset-noise", z, shown_by).with("sigma", sigma, "DN")
+        };
+        tests.push(match d.drift {
+            None => test(white, sigma),
+            Some(drift) => {
+                let memory = drift.correlation.value;
+                let ln = -libm::log(memory.max(f64::MIN_POSITIVE));
+                let error = drift.correlation.std_error / (memory * ln * ln);
+                test("means of the dark frames over time, each near the one before", drift.sd)
+                    .with("correlation", drift.correlation, "1")
+                    .with("time_constant", Value::new(1.0 / ln, error), "frames")
+            }
+        });
     }
     tests
 }
@@ -223,12 +338,14 @@ fn of_darks(data: &Estimates, model: &Estimates) -> Vec<Test> {
         Some(k) => test.with("median_e", v.scaled(1.0 / k), "e-/s"),
         None => test,
     };
+    let levels = LevelErrors::of(data, model);
+    let median = widened(d.median, levels.rate);
     let rate = Test::new(
         "dark-current",
-        differs(d.median, m.median),
+        differs(median, m.median),
         "means of the dark stacks over exposure, the median pixel",
     )
-    .with("median", d.median, "DN/s");
+    .with("median", median, "DN/s");
     let pixels = (data.size().0 * data.size().1) as f64;
     let hot = (d.hot_share.value - m.hot_share.value) * pixels
         / ((d.hot_share.value + m.hot_share.value) * pixels + 1.0).sqrt();
@@ -240,26 +357,33 @@ fn of_darks(data: &Estimates, model: &Estimates) -> Vec<Test> {
     };
     let by_site = Test::new(
         "dark-current-by-site",
-        by_site(&d.median_by_site, &m.median_by_site),
+        by_site(&rates_by_site(data, model), &m.median_by_site),
         "median rates of the sites less their mean",
     );
     vec![
-        in_e(rate, d.median),
+        in_e(rate, median),
         with_sites(by_site, &d.median_by_site, "DN/s"),
         Test::new(
             "dark-current-spread",
-            differs(d.pattern_variance, m.pattern_variance),
-            "lower half of the pixels' rates",
+            differs(d.variance_within_sites, m.variance_within_sites),
+            "lower half of the pixels' rates about those of their sites",
         )
-        .with_root(d.pattern_variance, k),
+        .with_root(d.variance_within_sites, k),
         Test { in_part: true, ..hot },
         Test::new(
             "black-level-over-exposure",
-            differs(d.intercept_above_bias, m.intercept_above_bias),
+            differs(widened(d.intercept_above_bias, levels.at_0), m.intercept_above_bias),
             "level of the dark stacks' line at exposure 0, less the bias",
         )
         .with("step", d.intercept_above_bias, "DN"),
     ]
+}
+
+/// The captures' rates of sites, with errors from offsets of sites in both.
+fn rates_by_site(data: &Estimates, model: &Estimates) -> Vec<Value> {
+    let error = LevelErrors::of(data, model).rate_of_site;
+    let rates = data.dark_current.iter().flat_map(|d| &d.median_by_site);
+    rates.map(|v| widened(*v, error)).collect()
 }
 
 /// The share of pixels that pass [`NOISY`] where ln of the noise is normal over pixels, by the
@@ -324,8 +448,14 @@ fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
     let pairs = || data.flats.iter().zip(&model.flats);
     let Some((brightest, of_model)) = pairs().max_by(|a, b| level(a.0).total_cmp(&level(b.0)))
     else {
-        let kinds =
-            ["system-gain", "prnu", "flicker-banding", "light-flicker", "defective-columns"];
+        let kinds = [
+            "system-gain",
+            "prnu",
+            "flicker-banding",
+            "light-flicker",
+            "defective-columns",
+            "charge-transfer-inefficiency",
+        ];
         return kinds.map(|kind| Test::undecided(kind, "needs flats")).into_iter().collect();
     };
     let mut tests = Vec::new();
@@ -380,6 +510,18 @@ fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
         columns = columns.with("gain", gain, "1");
     }
     tests.push(columns);
+    let [d, m] = [brightest, of_model].map(|f| f.transfer_inefficiency);
+    let stay = d.into_iter().zip(m).map(|(d, m)| Some((d?, m?)));
+    let Some(stay) = stay.collect::<Option<Vec<_>>>() else {
+        let why = "needs flats whose noise is mostly that of light";
+        tests.push(Test::undecided("charge-transfer-inefficiency", why));
+        return tests;
+    };
+    let shown_by = "correlation of neighbours in the noise of the brightest flat, its slope over \
+                    columns and rows";
+    let z = largest(stay.iter().map(|(d, m)| differs(*d, *m)));
+    let test = Test::new("charge-transfer-inefficiency", z, shown_by);
+    tests.push(test.with("serial", stay[0].0, "1").with("parallel", stay[1].0, "1"));
     tests
 }
 
@@ -389,6 +531,92 @@ fn level(flat: &Flat) -> f64 {
 
 fn brightest(e: &Estimates) -> Option<&Flat> {
     e.flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)))
+}
+
+/// The site with the least.
+fn lowest(sites: &[Value]) -> Value {
+    let least = |a: Value, b: Value| if b.value < a.value { b } else { a };
+    sites.iter().copied().fold(Value::new(f64::INFINITY, 0.0), least)
+}
+
+/// Areas that do not respond as the rest in the brightest flat, and those with more dark current.
+struct Areas<'a> {
+    dead: &'a [Area],
+    hot: &'a [Area],
+}
+
+fn areas(e: &Estimates) -> Areas<'_> {
+    Areas {
+        dead: brightest(e).map_or(&[], |f| &f.defective_areas),
+        hot: e.dark_current.as_ref().map_or(&[], |d| &d.hot_areas),
+    }
+}
+
+fn of_areas(data: &Estimates, model: &Estimates) -> Test {
+    let (d, m) = (areas(data), areas(model));
+    let count = |a: &Areas<'_>| a.dead.len() + a.hot.len();
+    let deviation = if count(&d) > count(&m) { 2.0 * MIN_PIXELS } else { 0.0 };
+    let shown_by = "rows, and pixels that touch, whose gain in the brightest flat or whose dark rate \
+                    stands out together";
+    let mut test = Test::new("defective-areas", deviation, shown_by);
+    let exactly = |n: usize| Value::new(n as f64, 0.0);
+    for (areas, value, unit) in [(d.dead, "gain", "1"), (d.hot, "rate", "DN/s")] {
+        for area in areas.iter().take(MAX_LISTED) {
+            test = test
+                .with("left", exactly(area.left), "px")
+                .with("top", exactly(area.top), "px")
+                .with("width", exactly(area.width), "px")
+                .with("height", exactly(area.height), "px")
+                .with(value, area.value, unit);
+        }
+    }
+    test
+}
+
+/// An effect for the dead rows, the dead clusters, the hot rows and the hot clusters, each of the
+/// mean size and value.
+fn of_groups(
+    areas: &Areas<'_>,
+    data: &Estimates,
+    dn_per_e: f64,
+    given: Given,
+    camera: &Camera,
+) -> Option<Proposal> {
+    let columns = data.size().0;
+    let whole = |a: &&Area| a.width == columns;
+    let group = |areas: Vec<&Area>, is_hot: bool| {
+        let first = areas.first()?;
+        let n = areas.len() as f64;
+        let mean = |of: &dyn Fn(&Area) -> f64| areas.iter().map(|a| of(a)).sum::<f64>() / n;
+        let width = if whole(first) { 0.0 } else { mean(&|a| a.width as f64).round() };
+        let error = areas.iter().map(|a| a.value.std_error).fold(0.0, f64::max) / n.sqrt();
+        let value = Value::new(mean(&|a| a.value.value), error);
+        let mut law = vec![
+            ("count", Value::chosen(n)),
+            ("width_px", Value::chosen(width)),
+            ("height_px", Value::chosen(mean(&|a| a.height as f64).round())),
+        ];
+        if is_hot {
+            law.push(("gain", Value::chosen(1.0)));
+            law.push(("rate_e_per_s", value.scaled(1.0 / dn_per_e)));
+            law.push(("doubling_c", Value::chosen(camera.sensor.noise.dark_doubling_c)));
+            law.push(("reference_c", Value::chosen(given.temperature_c)));
+        } else {
+            law.push(("gain", Value::new(value.value.max(0.0), value.std_error)));
+        }
+        Proposal::of("defective-areas", 2.0 * MIN_PIXELS, law)
+    };
+    let mut all =
+        [(areas.dead, false), (areas.hot, true)].into_iter().flat_map(|(areas, is_hot)| {
+            let (rows, clusters): (Vec<&Area>, Vec<&Area>) = areas.iter().partition(whole);
+            [group(rows, is_hot), group(clusters, is_hot)].into_iter().flatten()
+        });
+    let mut first = all.next()?;
+    for other in all {
+        first.effects.extend(other.effects);
+        first.beside = true;
+    }
+    Some(first)
 }
 
 /// Whether an effect is seen only in part, by as much as the model with it shows.
@@ -421,14 +649,21 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
     }
     let squared = |v: Value| Value::new(v.value * v.value, 2.0 * v.value * v.std_error);
     let lamp = squared(d.frame_sd);
-    // The waves that a frame cuts off change its mean too.
-    let lamp = Value::new(lamp.value - 2.0 * by_rows, lamp.std_error + 2.0 * by_rows);
+    // The waves that a frame cuts off change its mean too, and so does its offset, as far as that
+    // is known.
+    let offsets = data.frame_offsets.filter(|o| o.deviation > MIN_OFFSETS);
+    let offsets = offsets.map_or(0.0, |o| (o.sd_dn / level(d)).powi(2));
+    let other = 2.0 * (by_rows + offsets);
+    let lamp = Value::new(lamp.value - other, lamp.std_error + other);
     let shown_by = "means of the frames of the brightest flat over time";
     let test = Test::new(
         "light-flicker",
         exceeds(
             lamp,
-            Value { std_error: squared(m.frame_sd).std_error + by_rows, ..squared(m.frame_sd) },
+            Value {
+                std_error: squared(m.frame_sd).std_error + 0.5 * other,
+                ..squared(m.frame_sd)
+            },
         ),
         shown_by,
     );
@@ -470,6 +705,23 @@ pub(super) fn proposal(
     let (d, m) = (&data.bias, &model.bias);
     match test.effect {
         "read-noise" => sigma("read_e", d.read_noise_variance, m.read_noise_variance, per_e),
+        "gain-stage" => {
+            // At unity gain: a + b in all, of which b behind it.
+            let (d, m) = (data.behind_gain?.read_noise, model.behind_gain?.read_noise);
+            (differs(d.behind, m.behind) > super::MIN_DEVIATION).then_some(())?;
+            let unity = gain / given.analog_gain;
+            let all = d.before.value.max(0.0) + d.behind.value;
+            let all =
+                Value::new(all, libm::hypot(d.before.std_error, d.behind.std_error)).sqrt()?;
+            let law = [
+                ("read_e", all.scaled(1.0 / unity)),
+                ("read_e_post", d.behind.sqrt()?.scaled(1.0 / unity)),
+            ];
+            Proposal::of("read-noise", strength, law)
+        }
+        "frame-offset-by-site" => {
+            sigma("sigma_e", d.frame_site_variance?, m.frame_site_variance?, per_e)
+        }
         "row-temporal-noise" => sigma("sigma_e", d.row_variance, m.row_variance, per_e),
         "column-temporal-noise" => sigma("sigma_e", d.column_variance, m.column_variance, per_e),
         "pixel-offset-fpn" => sigma("sigma_e", d.pattern.pixels, m.pattern.pixels, per_e),
@@ -481,7 +733,13 @@ pub(super) fn proposal(
         "frame-offset-noise" => {
             let offsets = data.frame_offsets?;
             let sd = Value::new(offsets.sd_dn, offsets.sd_dn / offsets.deviation.max(1.0));
-            Proposal::of(test.effect, strength, [("sigma_e", sd.scaled(1.0 / gain))])
+            let sigma = offsets.drift.map_or(sd, |d| d.sd).scaled(1.0 / gain);
+            let mut law = vec![("sigma_e", sigma)];
+            law.extend(offsets.drift.map(|d| {
+                let of = d.correlation;
+                ("correlation", Value::new(of.value.min(MAX_CORRELATION), of.std_error))
+            }));
+            Proposal::of(test.effect, strength, law)
         }
         "prnu" => {
             let all = |e: &Estimates| {
@@ -500,14 +758,20 @@ pub(super) fn proposal(
             let kelvins = given.temperature_c - noise.temperature_ref_c;
             let growth = libm::exp2(kelvins / noise.dark_doubling_c);
             let more = |d: Value, m: Value| d.value / gain - m.value / gain_of_model;
-            let mean = noise.dark_current_e_per_s + more(d.median, m.median) / growth;
+            // Sites of their own rates have what is above the lowest as an effect of their own.
+            let sites = by_site(&rates_by_site(data, model), &m.median_by_site);
+            let (median_d, median_m) = match sites.abs() {
+                z if z < super::MIN_DEVIATION => (d.median, m.median),
+                _ => (lowest(&d.median_by_site), m.median),
+            };
+            let mean = noise.dark_current_e_per_s + more(median_d, median_m) / growth;
             let mean = Value::new(mean.max(0.0), d.median.std_error / gain / growth);
-            let spread = d.pattern_variance.value / (gain * growth).powi(2)
-                - m.pattern_variance.value / (gain_of_model * growth).powi(2)
+            let spread = d.variance_within_sites.value / (gain * growth).powi(2)
+                - m.variance_within_sites.value / (gain_of_model * growth).powi(2)
                 + noise.dsnu_e_per_s.powi(2);
             let spread = Value::new(
                 spread.max(0.0).sqrt(),
-                d.pattern_variance.sqrt().map_or(0.0, |s| s.std_error / gain / growth),
+                d.variance_within_sites.sqrt().map_or(0.0, |s| s.std_error / gain / growth),
             );
             Proposal::of(
                 test.effect,
@@ -519,6 +783,36 @@ pub(super) fn proposal(
                     ("reference_c", Value::chosen(noise.temperature_ref_c)),
                 ],
             )
+        }
+        "dark-current-by-site" => {
+            let (d, m) = (data.dark_current.as_ref()?, model.dark_current.as_ref()?);
+            let noise = &camera.sensor.noise;
+            let base = Test { effect: "dark-current", ..Test::new("", test.deviation, "") };
+            let base = proposal(&base, data, model, camera, given)?;
+            let kelvins = given.temperature_c - noise.temperature_ref_c;
+            let growth = libm::exp2(kelvins / noise.dark_doubling_c);
+            let least = lowest(&d.median_by_site);
+            let keys =
+                ["plane_0_e_per_s", "plane_1_e_per_s", "plane_2_e_per_s", "plane_3_e_per_s"];
+            (d.median_by_site.len() == keys.len() && m.median_by_site.len() == keys.len())
+                .then_some(())?;
+            let above = |v: &Value| {
+                Value::new(v.value - least.value, v.std_error).scaled(1.0 / gain / growth)
+            };
+            let mut law: Vec<(&str, Value)> =
+                keys.into_iter().zip(d.median_by_site.iter().map(above)).collect();
+            law.push(("doubling_c", Value::chosen(noise.dark_doubling_c)));
+            law.push(("reference_c", Value::chosen(noise.temperature_ref_c)));
+            let sites = Proposal::of(test.effect, strength, law)?;
+            Some(Proposal { effects: [base.effects, sites.effects].concat(), ..sites })
+        }
+        "defective-areas" => of_groups(&areas(data), data, gain, given, camera),
+        "charge-transfer-inefficiency" => {
+            let [serial, parallel] = brightest(data)?.transfer_inefficiency;
+            let [serial, parallel] = [serial?, parallel?];
+            let not_below_0 = |v: Value| Value::new(v.value.max(0.0), v.std_error);
+            let law = [("serial", not_below_0(serial)), ("parallel", not_below_0(parallel))];
+            Proposal::of(test.effect, strength, law)
         }
         "hot-pixels" => {
             let d = data.dark_current.as_ref()?;

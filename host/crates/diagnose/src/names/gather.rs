@@ -20,11 +20,13 @@ pub(super) const FRAMES_SEED: u64 = SEED + 500;
 #[derive(Clone, Copy)]
 pub(super) struct Given {
     pub temperature_c: f64,
+    pub analog_gain: f64,
     /// DN per electron of the model.
     pub dn_per_e: f64,
 }
 
-/// Whole stacks of one gain and temperature, and the part of the frames that is used.
+/// Whole stacks of one gain and temperature, the shortest dark stack of each other gain, and the
+/// part of the frames that is used.
 pub(super) struct Gathered {
     conditions: Vec<Condition>,
     sites: Sites,
@@ -58,7 +60,19 @@ impl Gathered {
                     .unwrap_or(std::cmp::Ordering::Equal)
             })?
             .clone();
+        let same_temperature = |c: &&Condition| {
+            (c.stack.temperature_c - first.stack.temperature_c).abs() < f64::EPSILON
+        };
+        let mut others: Vec<Condition> =
+            all.iter().filter(|c| !c.is_flat()).filter(same_temperature).cloned().collect();
+        others.sort_by(|a, b| a.stack.exposure_s.total_cmp(&b.stack.exposure_s));
         all.retain(|c| alike(c, &first));
+        for other in others {
+            let gain = other.stack.analog_gain;
+            if !all.iter().any(|c| c.stack.analog_gain == gain) {
+                all.push(other);
+            }
+        }
         let cfa = set.set().cfa();
         let (width, height) = (set.set().sensor.width, set.set().sensor.height);
         let frames: usize = all.iter().map(|c| c.stack.frames).sum();
@@ -75,8 +89,8 @@ impl Gathered {
     }
 
     pub(super) fn given(&self) -> Given {
-        let temperature_c = self.conditions[0].stack.temperature_c;
-        Given { temperature_c, dn_per_e: self.dn_per_e }
+        let Taken { temperature_c, analog_gain, .. } = self.conditions[0].stack;
+        Given { temperature_c, analog_gain, dn_per_e: self.dn_per_e }
     }
 
     /// The figures of the captures. The inner error says why there are none.
@@ -113,6 +127,6 @@ impl Gathered {
 
     fn stack(&self, c: &Condition, frames: Vec<Plane<u16>>) -> Stack {
         let role = if c.is_flat() { Role::Flat } else { Role::Dark };
-        Stack::new(&c.stack.id, role, c.stack.exposure_s, frames)
+        Stack::new(&c.stack.id, role, c.stack.exposure_s, frames).at_gain(c.stack.analog_gain)
     }
 }

@@ -10,7 +10,7 @@ mod effects;
 mod gather;
 
 use crate::candidates::proposal::{Proposal, with_all};
-use crate::report::{Evidence, EvidenceStatus};
+use crate::report::{Amount, Evidence, EvidenceStatus};
 use crate::search::Outcome;
 use camrig_base::{Result, tails};
 use camrig_camera::Camera;
@@ -32,7 +32,8 @@ pub struct Names {
     found: Estimates,
     /// Of frames that the model as given simulates.
     pub(crate) given: Estimates,
-    torn: Vec<Evidence>,
+    /// What the frames themselves show.
+    of_frames: Vec<Evidence>,
 }
 
 impl Names {
@@ -49,8 +50,14 @@ impl Names {
         let Some(gathered) = Gathered::of(camera, set, measured) else { return Ok(None) };
         let Ok(found) = gathered.measured(set)? else { return Ok(None) };
         let Ok(given) = gathered.simulated(camera, FRAMES_SEED)? else { return Ok(None) };
-        let torn = measured.findings.iter().filter(|f| f.kind == Kind::TornFrames).map(torn);
-        Ok(Some(Self { torn: torn.collect(), gathered, found, given }))
+        let pixels = set.set().sensor.width * set.set().sensor.height;
+        let dn_per_e = found.gain.map(|g| g.value);
+        let of_frames = measured
+            .findings
+            .iter()
+            .filter_map(|f| of_finding(f, pixels as f64, dn_per_e))
+            .collect();
+        Ok(Some(Self { of_frames, gathered, found, given }))
     }
 
     /// The effects that stand out against the model as given, with their parameters.
@@ -142,19 +149,49 @@ impl Names {
                 status,
             }
         });
-        self.torn.iter().cloned().chain(evidence).collect()
+        self.of_frames.iter().cloned().chain(evidence).collect()
     }
 }
 
-/// Torn frames as evidence.
-fn torn(found: &Finding) -> Evidence {
-    Evidence {
-        amounts: Vec::new(),
+/// Torn frames and particle hits as evidence.
+fn of_finding(found: &Finding, pixels: f64, dn_per_e: Option<f64>) -> Option<Evidence> {
+    let (effect, amounts) = match found.kind {
+        Kind::TornFrames => ("torn-frames", Vec::new()),
+        Kind::ParticleHits => ("particle-hits", of_hits(found, pixels, dn_per_e)),
+        _ => return None,
+    };
+    Some(Evidence {
+        amounts,
         description: format!("{}: {}", found.place, found.description),
         deviation: f64::NAN,
         deviation_after: f64::NAN,
-        effect: "torn-frames".into(),
+        effect: effect.into(),
         false_alarm: 0.0,
         status: EvidenceStatus::Named,
+    })
+}
+
+/// How many particles hit, how often, and with what charge.
+fn of_hits(found: &Finding, pixels: f64, dn_per_e: Option<f64>) -> Vec<Amount> {
+    let amount = |name: &str, value: f64, std_error: f64, unit: &str| Amount {
+        name: name.into(),
+        std_error,
+        unit: unit.into(),
+        value,
+    };
+    let mut amounts = vec![amount("hits", found.count as f64, 0.0, "1")];
+    if let Some(rate) = found.rate {
+        amounts.push(amount("per_frame", rate.per_frame, rate.per_frame_std_error, "1"));
+        if let Some((value, error)) = rate.per_s.zip(rate.per_s_std_error) {
+            let per_mpx = 1e6 / pixels;
+            amounts.push(amount("rate_per_mpx_s", value * per_mpx, error * per_mpx, "1/s"));
+        }
     }
+    let charges: Vec<f64> = found.hits.iter().map(|h| h.charge_dn).collect();
+    let charge = camrig_estimates::robust::mean(&charges);
+    amounts.push(amount("mean_charge", charge.value, charge.std_error, "DN"));
+    if let Some(k) = dn_per_e {
+        amounts.push(amount("mean_charge_e", charge.value / k, charge.std_error / k, "e-"));
+    }
+    amounts
 }

@@ -1,0 +1,72 @@
+//! What lies behind the analog gain: a variance of the bias at several gains G is a G² + b in DN²,
+//! with a what is amplified and b what the converter and the paths behind the gain add (EMVA 1288
+//! release 4.0, section 2.2).
+
+use super::bias::Bias;
+use camrig_base::Value;
+
+/// A variance in DN²: what is amplified, at unity gain, and what comes behind the gain.
+#[derive(Clone, Copy, Debug)]
+pub struct Parts {
+    /// a.
+    pub before: Value,
+    /// b.
+    pub behind: Value,
+}
+
+/// The parts of each kind of noise and pattern of the bias.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct BehindGain {
+    /// Of the read noise of the median pixel.
+    pub read_noise: Parts,
+    /// Of the noise of rows.
+    pub rows: Parts,
+    /// Of the pattern of columns.
+    pub column_pattern: Parts,
+    /// Of the pattern of rows.
+    pub row_pattern: Parts,
+    /// Of the pattern of single pixels.
+    pub pixel_pattern: Parts,
+}
+
+impl BehindGain {
+    /// Of the bias at each gain; none of a single gain.
+    pub(crate) fn of(biases: &[(f64, Bias)]) -> Option<Self> {
+        let parts = |of: &dyn Fn(&Bias) -> Value| {
+            let points = biases.iter().map(|(gain, bias)| (gain * gain, of(bias)));
+            Parts::of(&points.collect::<Vec<_>>())
+        };
+        let at_least = |v: Value, null: f64| Value::new(v.value, v.std_error.max(null));
+        Some(Self {
+            read_noise: parts(&|b| b.read_noise_variance)?,
+            rows: parts(&|b| at_least(b.row_variance, b.row_variance_null))?,
+            column_pattern: parts(&|b| at_least(b.pattern.columns, b.pattern.line_nulls[0]))?,
+            row_pattern: parts(&|b| at_least(b.pattern.rows, b.pattern.line_nulls[1]))?,
+            pixel_pattern: parts(&|b| b.pattern.pixels)?,
+        })
+    }
+}
+
+impl Parts {
+    /// The weighted line through variances over the square of the gain.
+    fn of(points: &[(f64, Value)]) -> Option<Self> {
+        let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (x, v) in points {
+            let weight = v.std_error.max(f64::MIN_POSITIVE.sqrt()).powi(-2);
+            w += weight;
+            wx += weight * x;
+            wy += weight * v.value;
+            wxx += weight * x * x;
+            wxy += weight * x * v.value;
+        }
+        let determinant = w * wxx - wx * wx;
+        if points.len() < 2 || determinant <= 1e-9 * w * wxx {
+            return None;
+        }
+        Some(Self {
+            before: Value::new((w * wxy - wx * wy) / determinant, (w / determinant).sqrt()),
+            behind: Value::new((wxx * wy - wx * wxy) / determinant, (wxx / determinant).sqrt()),
+        })
+    }
+}
