@@ -139,7 +139,8 @@ fn windows(effects: &[Effect]) -> usize {
 
 /// Rows of traps that a pipeline works on at a time.
 fn rows_of_traps(config: &SensorConfig) -> usize {
-    usize::from(config.effects.iter().any(|e| e.entry().needs == Needs::EarlierFrames))
+    let has_some = |e: &Effect| e.entry().needs == Needs::EarlierFrames;
+    usize::from(cfg!(feature = "persistence") && config.effects.iter().any(has_some))
 }
 
 /// Number of blocks of memory that [`Pipeline::new`] needs for a sensor.

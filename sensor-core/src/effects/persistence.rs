@@ -14,12 +14,13 @@ effect! {
     /// T_(n−1)) caught. No charge is lost, and traps are full at W. What is caught and released is
     /// so by chance, electron by electron: what is read has the Poisson law of its mean, and photon
     /// transfer shows the true system gain. Several such effects are several kinds of traps, each
-    /// with its time constant; what one kind releases, the next may catch. Frames follow each other in the order in which they are taken, the
-    /// first with empty traps; the charge takes four bytes for each pixel and effect, which no rig
-    /// has. Janesick 2001; Smith et al. 2008; Leisenring et al. 2016.
+    /// with its time constant; what one kind releases, the next may catch. Frames follow each other
+    /// in the order in which they are taken, the first with empty traps; the charge takes four bytes
+    /// for each pixel and effect, which no rig has. Janesick 2001; Smith et al. 2008; Leisenring et
+    /// al. 2016.
     ///
-    /// Closed form: after one frame of µ in darkness, frame k shows f min(µ, W) (1 − d) d^(k−1); in
-    /// steady light frame k shows µ − f µ d^(k−1), and in the end µ.
+    /// Closed form: in darkness after one frame of µ, frame k shows f min(µ, W) (1 − d) d^(k−1); in
+    /// steady light frame k shows µ − f µ d^(k−1) until the traps are full, and then µ.
     Persistence, "persistence", Light, Response, EarlierFrames {
         /// Fraction f of the charge that a frame leaves in the traps
         fraction: "1", 0.0..=0.5;
@@ -53,6 +54,11 @@ impl Persistence {
 
 impl Stage for Persistence {
     /// Nothing: the pipeline has the traps ([`Persistence::exchange`]).
-    fn apply<A: Arith>(&self, _: &Context<'_>, _: &Inputs<'_, A::Signal>, _: &mut [Block<A::Signal>]) {
+    fn apply<A: Arith>(
+        &self,
+        _: &Context<'_>,
+        _: &Inputs<'_, A::Signal>,
+        _: &mut [Block<A::Signal>],
+    ) {
     }
 }

@@ -110,6 +110,10 @@ fn mosaics_are_written_read_and_measured_by_channel() {
         let pattern = camera(directory, side, [60, 45]).sensor.cfa;
         let simulate = "simulate --camera c.toml --scene uniform:0.5 --lux 300 --exposure 5ms";
         camrig_ok(directory, &format!("{simulate} --force -o f.tiff --report page.html"));
+        camrig_ok(directory, &format!("{simulate} --force -o rig.tiff --rig emulator:"));
+        let [here, rig] =
+            ["f.tiff", "rig.tiff"].map(|f| std::fs::read(directory.join(f)).unwrap());
+        assert!(here == rig, "the same bytes from a rig");
         camrig_ok(directory, "convert f.tiff f.fits --force");
         for file in ["f.tiff", "f.fits"] {
             let frames = camrig::formats::read(&directory.join(file)).unwrap();

@@ -396,6 +396,57 @@ mod tests {
         assert!(refused.to_string().contains("persistence"), "{refused}");
     }
 
+    /// Cameras behind filters whose edges move over the field by any effective index, f-number and
+    /// pitch: both arithmetics within one DN, from darkness to 100 full wells.
+    #[test]
+    fn arithmetics_agree_behind_filters_that_move() {
+        let mut state = 7u64;
+        let mut next = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        for draw in 0..20 {
+            let index = ("sensor.ir_cut_effective_index", 1.0 + 0.01 + 2.0 * next());
+            let mut camera =
+                Camera::load_with("mt9t012", [index]).unwrap().with_size(40, 34).unwrap();
+            let sensor = &mut camera.sensor;
+            sensor.pitch_um = 150.0 * next() + 1.0;
+            let [low, high] = [410.0 + 100.0 * next(), 560.0 + 120.0 * next()];
+            let width = 0.1 + 20.0 * next();
+            let edges = vec![low - width, low, high, high + width];
+            let pass = Spectrum::new(edges, vec![0.0, 1.0, 1.0, 0.0]).unwrap();
+            sensor.ir_cut = Some(pass.outside(Outside::Zero));
+            camera.keep_noise(camrig_camera::KeptNoise::None);
+            let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 31 };
+            let header = CubeHeader {
+                width: 40,
+                height: 34,
+                first_band_nm: bands.start_nm,
+                band_step_nm: bands.step_nm,
+                bands: bands.count,
+                level: 1.0,
+                lux: None,
+                illuminant: None,
+                made_of: "even light".into(),
+                light: Vec::new(),
+                made_for: Default::default(),
+            };
+            let response: f64 = camera.sensor.response(&bands)[1].iter().sum();
+            let level =
+                camera.sensor.full_well_e / (response * 1e-3) * (1e-3 * 1e5f64.powf(next()));
+            let spectrum: Vec<f32> = (0..bands.count).map(|_| (level * next()) as f32).collect();
+            let cube = IrradianceCube::uniform(header, &spectrum).unwrap();
+            let simulated = SimulatedSensor::new(&camera, &cube.header).unwrap();
+            let settings = camera.settings(0, 1e-3, Some(16f64.powf(next())));
+            let [float, fixed] = Arithmetic::ALL.map(|arithmetic| {
+                let options = FrameOptions { arithmetic, ..FrameOptions::default() };
+                simulated.frame_with(&cube, &settings, options).unwrap().data
+            });
+            let off = float.iter().zip(&fixed).map(|(a, b)| a.abs_diff(*b)).max();
+            assert!(off <= Some(1), "draw {draw}: {off:?} DN");
+        }
+    }
+
     /// Even light through a filter with steep edges at 480 and 620 nm, on an even sensor: in the
     /// corner the edges lie at shorter waves, and the light falls to (1 − s_1/n²)/(1 − s_0/n²) of
     /// that in the centre, s the means of sin²θ over both cones; more at a smaller f-number alone.

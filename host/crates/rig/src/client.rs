@@ -587,6 +587,11 @@ impl Rig {
                 "the camera's effects need more rows than the rig has memory for".into(),
                 "remove effects that read neighbouring rows, or use a rig with more memory",
             ),
+            Nack::Refused(Refusal::BadCamera) => (
+                format!("the rig refuses: {}", Refusal::BadCamera),
+                "use firmware as new as this program; mosaics of more than four channels need its \
+                 feature `multispectral`",
+            ),
             Nack::Refused(refusal) => {
                 (format!("the rig refuses: {refusal}"), "check the camera and the settings")
             }
