@@ -70,6 +70,11 @@ pub enum Change {
         /// Change per 100 nm towards red.
         slope: f64,
     },
+    /// The stop of the lens is another one.
+    FNumber {
+        /// The f-number over that of `[lens]`.
+        ratio: f64,
+    },
     /// Scattered light lies over the whole image.
     VeilingGlare {
         /// Share of the light that is scattered.
@@ -181,6 +186,23 @@ impl OpticalEffect {
                 parameter("slope", "1", "Change per 100 nm towards red", (-0.5, 0.5), Some(0.0)),
             ],
             change: |v| Change::LensTransmittance { factor: v[0], slope: v[1] },
+        },
+        OpticalEntry {
+            kind: "f-number",
+            doc: "Another f-number: the stop of the lens is not the one that [lens] says, as after \
+                  one click of the aperture ring.\n\n\
+                  N = ratio·N₀, with all that depends on it: irradiance 1/N², the Airy disc \
+                  (Goodman 2005, section 6.2), the depth of focus. Of a lens of kind \
+                  \"diffraction-limited\"; others have figures for their own stop.\n\n\
+                  Closed form: electrons over ratio², cutoff of the MTF over ratio.",
+            parameters: &[parameter(
+                "ratio",
+                "1",
+                "The f-number over that of [lens]",
+                (0.25, 4.0),
+                None,
+            )],
+            change: |v| Change::FNumber { ratio: v[0] },
         },
         OpticalEntry {
             kind: "veiling-glare",

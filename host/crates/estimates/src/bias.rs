@@ -216,8 +216,8 @@ impl Bias {
         let [row_variance, opposite_row_variance] = temporal.row_variances(all_pixels.value);
         let row_variance_null =
             all_pixels.value / (0.5 * width as f64) * (0.5 / (height as f64 * (n - 1.0))).sqrt();
-        let levels: Vec<f64> = (0..frames).map(|i| mean(&stack.values(i)).value).collect();
-        let spread = variance(&levels);
+        let frame_levels: Vec<f64> = (0..frames).map(|i| mean(&stack.values(i)).value).collect();
+        let spread = variance(&frame_levels);
         let frame_variance = Value {
             value: spread
                 - all_pixels.value / pixels
@@ -237,15 +237,21 @@ impl Bias {
             .iter()
             .filter(|v| chi_square(**v / median_variance, n - 1.0) > NOISY)
             .count() as f64;
+        let pattern = pattern(stack, sites);
+        // A sensor's own rows and columns move its level, too.
+        let by_lines = pattern.rows.value.max(0.0) / height as f64
+            + pattern.columns.value.max(0.0) / width as f64;
+        let levels = levels_by_site(stack, sites).into_iter();
+        let level = |v: Value| Value::new(v.value, libm::hypot(v.std_error, by_lines.sqrt()));
         Self {
-            black_by_site: levels_by_site(stack, sites),
+            black_by_site: levels.map(level).collect(),
             frame_site_variance: temporal.frame_site_variance(sites),
             row_variance,
             opposite_row_variance,
             row_variance_null,
             column_variance: temporal.column_variance(clipped_variance),
             frame_variance,
-            drift: slope(&levels),
+            drift: slope(&frame_levels),
             read_noise_variance,
             read_noise_variance_by_site: by_site
                 .into_iter()
@@ -254,7 +260,7 @@ impl Bias {
             mean_variance: Value { value: all_pixels.value - ROUNDING, ..all_pixels },
             read_noise_spread: spread_of_noise(&pixel_variance, n - 1.0),
             noisy_share: Value { value: noisy / pixels, std_error: (noisy + 1.0).sqrt() / pixels },
-            pattern: pattern(stack, sites),
+            pattern,
             frame_site_offsets: temporal.site_offsets,
             map,
             pixel_variance,

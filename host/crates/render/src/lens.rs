@@ -84,7 +84,18 @@ impl Described {
         options: &Options,
     ) -> Result<Self> {
         let grid = sensor_grid(camera);
-        let Optics { defocus_um, departures } = Optics::of(&camera.optical_effects, &grid)?;
+        let Optics { defocus_um, ln_f_number, departures } =
+            Optics::of(&camera.optical_effects, &grid)?;
+        if ln_f_number != 0.0 && !matches!(camera.lens.kind, LensKind::DiffractionLimited { .. }) {
+            return Err(Error::unsupported(
+                "another f-number of a lens whose figures are of its own",
+            )
+            .at("[[effect]] kind = \"f-number\"")
+            .help(
+                "use a lens of kind \"diffraction-limited\", or give the stop in the \
+                     prescription or characterisation",
+            ));
+        }
         let mut factors = vec![camera.lens.transmittance.clone(), departures.transmittance];
         let departures = Departures { transmittance: Spectrum::constant(1.0), ..departures };
         let power = illuminant.map(|illuminant| illuminant.power.clone());
@@ -117,7 +128,7 @@ impl Described {
                 relative_illumination,
             } => {
                 let lens = Box::new(Diffraction {
-                    f_number: *f_number,
+                    f_number: f_number * libm::exp(ln_f_number),
                     focal_length_mm: *focal_length_mm,
                     magnification: *magnification,
                     transmittance: mean_transmittance(&factors)?,
@@ -236,7 +247,21 @@ mod tests {
         let (less, lower) = steradians_and_mtf(&camera);
         assert!((less / light - 0.5).abs() < 1e-12 && lower < 0.9 * mtf, "{lower} of {mtf}");
 
+        // Another stop is a lens of that f-number; only one of given figures has another.
+        camera.optical_effects = vec![effect("f-number", &[2.0])];
+        let (less, lower) = steradians_and_mtf(&camera);
+        let mut stopped = Camera::load("mt9t012").unwrap();
+        let LensKind::DiffractionLimited { f_number, .. } = &mut stopped.lens.kind else {
+            panic!()
+        };
+        *f_number *= 2.0;
+        let (right, right_mtf) = steradians_and_mtf(&stopped);
+        assert!((less / right - 1.0).abs() < 1e-12 && (lower - right_mtf).abs() < 1e-12);
+        assert!((less / light - 0.25).abs() < 0.01, "{less} of {light}");
         camera.lens.kind = LensKind::Characterised(PathBuf::from("not-read"));
+        let error = lens(&camera, &Bands::VISIBLE, &Options::default()).err().unwrap().to_string();
+        assert!(error.contains("another f-number"), "{error}");
+        camera.optical_effects = vec![effect("defocus", &[20.0])];
         let error = lens(&camera, &Bands::VISIBLE, &Options::default()).err().unwrap().to_string();
         assert!(error.contains("no wavefront"), "{error}");
 

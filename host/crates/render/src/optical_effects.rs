@@ -9,6 +9,8 @@ use camrig_optics::{Departures, SensorGrid};
 pub struct Optics {
     /// Displacement of the sensor from the focus, away from the lens, µm.
     pub defocus_um: f64,
+    /// Natural logarithm of the f-number over that of the camera file.
+    pub ln_f_number: f64,
     /// All effects that need no knowledge of the wavefront.
     pub departures: Departures,
 }
@@ -66,6 +68,9 @@ impl Optics {
                 let factors = nm.iter().map(at).collect();
                 let transmittance = &mut self.departures.transmittance;
                 *transmittance = transmittance.times(&Spectrum::new(nm, factors)?)?;
+            }
+            Change::FNumber { ratio } => {
+                self.ln_f_number += libm::log(ratio);
             }
             Change::VeilingGlare { fraction } => {
                 let glare = &mut self.departures.veiling_glare;

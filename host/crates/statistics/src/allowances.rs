@@ -31,6 +31,7 @@ const EXCESS_FACTOR: f64 = 2.0;
 /// levels in captures of targets.
 pub fn of_light(camera: &Camera, design: &Design, values: &Values) -> BTreeMap<Key, f64> {
     let channels = camera.sensor.channel_names.len() as u8;
+    let (cfa, pattern) = (&camera.sensor.cfa, camera.sensor.pattern());
     let mut out = BTreeMap::new();
     let flats: Vec<usize> =
         (0..design.conditions.len()).filter(|&i| design.conditions[i].is_known_flat()).collect();
@@ -39,7 +40,14 @@ pub fn of_light(camera: &Camera, design: &Design, values: &Values) -> BTreeMap<K
             let relative = scatter_at(design, values, &flats, i, class).unwrap_or(DEFAULT_SCATTER);
             let key = (Place::Stack(i), What::Mean(class));
             if let Some(s) = values.get(&key) {
-                out.insert(key, relative * s.value.abs());
+                let allowed = relative * s.value.abs();
+                out.insert(key, allowed);
+                let own = |site: &usize| {
+                    pattern.channel(site % cfa.width, site / cfa.width) == usize::from(class)
+                };
+                let sites = (0..cfa.width * cfa.height).filter(own);
+                let key = |site: usize| (Place::Stack(i), What::SiteMean(site as u8));
+                out.extend(sites.map(|site| (key(site), allowed)));
             }
         }
     }

@@ -11,7 +11,7 @@ use super::maps::{self, MapKind};
 use super::noise::{self, Summary};
 use super::statistic::{Place, Statistic};
 use super::temporal::Temporal;
-use super::{codes, levels, patterns, ratios, shading};
+use super::{codes, levels, patterns, quantiles, ratios, shading};
 use crate::data::channels::Channels;
 use crate::data::design::Design;
 use camrig_camera::Camera;
@@ -30,6 +30,7 @@ pub fn battery(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Sta
             levels::means(t, against, &channels, &mut here);
         }
         noise::statistics(t, c, &summaries[i], &mut here);
+        quantiles::statistics(t, c, &camera.sensor.cfa, &mut here);
         out.extend(here.statistics);
     }
     out.extend(ratios::ratios(design, stacks, reference, &channels));

@@ -44,6 +44,7 @@ pub mod maps;
 pub mod noise;
 pub mod numerics;
 mod patterns;
+pub mod quantiles;
 pub mod ratios;
 pub mod read;
 pub mod shading;

@@ -2,6 +2,7 @@
 //! and time, spectral lines, and differences between pixels.
 
 use super::collect::{Collected, cube_root_sd};
+use super::quantiles::Codes;
 use super::spatial::smooth_terms;
 use super::statistic::{Scale, What};
 use super::temporal::{BLOCK, LAGS, Temporal, mean};
@@ -91,19 +92,8 @@ impl Summary {
 /// Half the distance, codes, between the quantiles of a histogram at ±1 standard deviation of a
 /// normal distribution.
 fn half_width(histogram: &[u32]) -> f64 {
-    let total: f64 = histogram.iter().map(|&n| f64::from(n)).sum();
-    let quantile = |share: f64| {
-        let mut remaining = share * total;
-        for (code, &n) in histogram.iter().enumerate() {
-            let n = f64::from(n);
-            if remaining <= n && n > 0.0 {
-                return code as f64 + remaining / n;
-            }
-            remaining -= n;
-        }
-        histogram.len() as f64
-    };
-    (quantile(0.841_344_746) - quantile(0.158_655_254)) / 2.0
+    let codes = Codes::of(histogram);
+    (codes.quantile(0.841_344_746) - codes.quantile(0.158_655_254)) / 2.0
 }
 
 /// Variance of the frames' means about their mean, DN².

@@ -13,6 +13,11 @@ use std::f64::consts::FRAC_PI_2;
 /// with scatters too: that of 100 exponential bins by a tenth of their mean.
 const MEDIAN_SCATTER: f64 = 1.1;
 
+/// Standard deviations of skewness and kurtosis by octiles, times √n, of n normal variates: from the
+/// asymptotic covariance of quantiles, min(p, q)(1 − max(p, q))/(n f_p f_q).
+const OCTILE_SKEWNESS_SD: f64 = 1.073;
+const MOORS_KURTOSIS_SD: f64 = 1.776;
+
 /// The statistics of a map; without smooth structure where the light may be uneven.
 pub(super) fn statistics(map: &Map, out: &mut Collected) {
     let s: &Spatial = &map.spatial;
@@ -63,8 +68,8 @@ pub(super) fn statistics(map: &Map, out: &mut Collected) {
     out.add(What::Tails, s.whole_variance / v, (2.0 / n).sqrt(), Scale::Log);
     out.add(What::High, s.high, 1.0, Scale::Count);
     out.add(What::Low, s.low, 1.0, Scale::Count);
-    out.add(What::Skewness, s.skewness, (6.0 / n).sqrt(), Scale::Linear);
-    out.add(What::Kurtosis, s.kurtosis, (24.0 / n).sqrt(), Scale::Linear);
+    out.add(What::Skewness, s.skewness, OCTILE_SKEWNESS_SD / n.sqrt(), Scale::Linear);
+    out.add(What::Kurtosis, s.kurtosis, MOORS_KURTOSIS_SD / n.sqrt(), Scale::Linear);
     for (i, c) in s.correlation.iter().enumerate() {
         out.add(What::MapCovariance(i as u8), *c, 1.0 / n.sqrt(), Scale::Linear);
     }

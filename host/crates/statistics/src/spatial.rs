@@ -21,6 +21,8 @@ pub const CLIP: f64 = 4.0;
 /// Values are clipped at this multiple of [`CLIP`] while rows, columns and smooth terms are still
 /// in the map and widen its distribution.
 const CLIP_OF_WHOLE_MAP: f64 = 1.5;
+/// Kurtosis by octiles of a normal distribution.
+const MOORS_OF_NORMAL: f64 = 1.233_095;
 /// Number of half waves over a map that count as smooth.
 pub const HALF_WAVES: usize = 4;
 /// A corner region has 1/`CORNER_SHARE` of the columns and rows.
@@ -70,9 +72,10 @@ pub struct Spatial {
     pub low: f64,
     /// Sum of the dark outliers' deviations (negative).
     pub low_sum: f64,
-    /// Skewness of the clipped pixels.
+    /// Skewness of the pixels by octiles E: (E7 + E1 − 2 E4)/(E7 − E1) (Bowley's, of octiles).
     pub skewness: f64,
-    /// Excess kurtosis of the clipped pixels.
+    /// Excess over a normal distribution of their kurtosis by octiles,
+    /// (E7 − E5 + E3 − E1)/(E6 − E2) (Moors 1988).
     pub kurtosis: f64,
     /// Third and fourth cumulant of the pixels, outliers included.
     pub cumulants: [f64; 2],
@@ -212,23 +215,34 @@ fn describe_outliers(d: &[f32], channels: &Channels, s: &mut Spatial) {
     s.cumulants = [s.cumulants[0] / n, s.cumulants[1] / n - 3.0 * s.whole_variance.powi(2)];
 }
 
-/// Clips single pixels at `clip` and describes them: moments, correlation of neighbours.
+/// Clips single pixels at `clip` and describes them: octiles, variance, correlation of neighbours.
 fn describe_clipped(d: &mut [f32], w: usize, h: usize, clip: f32, s: &mut Spatial) {
     let n = (w * h) as f64;
     d.iter_mut().for_each(|x| *x = x.clamp(-clip, clip));
-    let (mut m2, mut m3, mut m4) = (0.0, 0.0, 0.0);
-    for &x in d.iter() {
-        let x = f64::from(x);
-        m2 += x * x;
-        m3 += x * x * x;
-        m4 += x * x * x * x;
-    }
-    s.pixel_variance = m2 / n;
-    s.skewness = m3 / n / libm::pow(s.pixel_variance, 1.5);
-    s.kurtosis = m4 / n / s.pixel_variance.powi(2) - 3.0;
+    s.pixel_variance = d.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>() / n;
+    let [e1, e2, e3, e4, e5, e6, e7] = octiles(&mut d.to_vec());
+    s.skewness = (e7 + e1 - 2.0 * e4) / (e7 - e1);
+    s.kurtosis = (e7 - e5 + e3 - e1) / (e6 - e2) - MOORS_OF_NORMAL;
     for (c, (dx, dy)) in s.correlation.iter_mut().zip([(1, 0), (0, 1), (1, 1)]) {
         *c = covariance(d, w, h, dx, dy) / s.pixel_variance;
     }
+}
+
+/// The seven octiles of values, which are reordered: each half is divided where its middle is.
+fn octiles(values: &mut [f32]) -> [f64; 7] {
+    let mut out = [0.0; 7];
+    let mut parts: Vec<(&mut [f32], usize, usize)> = vec![(values, 3, 2)];
+    while let Some((part, at, reach)) = parts.pop() {
+        if part.is_empty() {
+            continue;
+        }
+        let (below, middle, above) = part.select_nth_unstable_by(part.len() / 2, f32::total_cmp);
+        out[at] = f64::from(*middle);
+        if reach > 0 {
+            parts.extend([(below, at - reach, reach / 2), (above, at + reach, reach / 2)]);
+        }
+    }
+    out
 }
 
 /// Variance of block means × the pixels of a block: as it is, and after subtraction of smooth

@@ -83,9 +83,9 @@ pub enum What {
     NoiseSlope(Term),
     /// Variance of the noise of 16x16 blocks relative to independent pixels.
     NoiseBlocks,
-    /// Skewness of the noise over time, or of a map's pixels, outliers clipped.
+    /// Skewness of the noise over time; that of the octiles of a map's pixels.
     Skewness,
-    /// Excess kurtosis of the noise over time, or of a map's pixels, outliers clipped.
+    /// Excess kurtosis of the noise over time; that of the octiles of a map's pixels.
     Kurtosis,
     /// Fourth moment over squared variance of the noisiest pixels.
     TopKurtosis,
@@ -151,7 +151,25 @@ pub enum What {
     Of(Figure),
     /// Median of a map's pixels, in the map's unit: its level without the influence of hot pixels.
     Median,
+    /// Mean of a site of the colour filter pattern, outliers clipped, DN.
+    SiteMean(Site),
+    /// Variance over time of row means, DN².
+    RowVarianceDn,
+    /// Variance of the frames' means, DN².
+    FrameVarianceDn,
+    /// Quantile over pixels of their variance over time, DN².
+    VarianceQuantile(Share),
+    /// Quantile over pixels of their means, above the median, DN.
+    MeanQuantile(Share),
+    /// Quantile of all samples, each code spread evenly over its width, above the median, DN.
+    CodeQuantile(Share),
 }
+
+/// Number of a site of the colour filter pattern, row by row.
+pub type Site = u8;
+/// Index into [`SHARES`](super::quantiles::SHARES): the share of pixels or samples below a
+/// quantile.
+pub type Share = u8;
 
 /// Ring of a dot's distance from the centre of the frame: 0 to [`RINGS`](super::targets::RINGS) −
 /// 1.
@@ -208,6 +226,12 @@ pub enum Figure {
     },
     /// Standard deviation of the luminance within a patch, DN: number of the patch, from 1.
     PatchScatter(u8),
+    /// Displacement of dots to the right for each row down, pixels: the skew of a rolling shutter,
+    /// or a turn of the target.
+    SkewOfRows,
+    /// Displacement of dots downwards for each column to the right, pixels: of a turn the opposite
+    /// of the other.
+    SkewOfColumns,
 }
 
 impl Figure {
@@ -230,6 +254,20 @@ impl What {
                 | Self::Kurtosis
                 | Self::TopKurtosis
                 | Self::TopTimeLag
+        )
+    }
+
+    /// Whether it only bars effects that do harm: quantiles say the same as variances, means and
+    /// counts of outliers do, so that they add nothing to a likelihood.
+    pub fn only_bars(self) -> bool {
+        matches!(
+            self,
+            Self::SiteMean(_)
+                | Self::RowVarianceDn
+                | Self::FrameVarianceDn
+                | Self::VarianceQuantile(_)
+                | Self::MeanQuantile(_)
+                | Self::CodeQuantile(_)
         )
     }
 

@@ -3,6 +3,7 @@
 //! with temperature.
 
 use super::proposal::{Proposal, deviation};
+use crate::data::design::Condition;
 use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::tails;
@@ -36,6 +37,65 @@ pub(super) fn of_excess(
     excess: Value,
 ) -> Option<Proposal> {
     Proposal::of(kind, excess.z().abs(), [(key, deviation(present, excess)?)])
+}
+
+/// Power of the analogue gain to which an offset is proportional: of the pixels' and of the
+/// converter's, as a black clamp gives it.
+const BEFORE_GAIN: f64 = 0.0;
+const BEHIND_GAIN: f64 = -1.0;
+
+/// Where an offset is added, by the gain that it has in e⁻.
+#[derive(Clone, Copy)]
+pub(super) struct Added {
+    kind: &'static str,
+    exponent: f64,
+}
+
+impl Added {
+    /// The proposals of a kind: before the gain and, where the stacks have several gains, behind
+    /// it.
+    pub(super) fn each(
+        kind: &'static str,
+        e: &Evidence<'_>,
+        of: impl Fn(Self) -> Option<Proposal>,
+    ) -> Vec<Proposal> {
+        let mut gains = e.design.conditions.iter().map(|c| c.stack.analog_gain);
+        let first = gains.next();
+        let several = gains.any(|gain| Some(gain) != first);
+        let exponents = if several { &[BEFORE_GAIN, BEHIND_GAIN][..] } else { &[BEFORE_GAIN] };
+        exponents.iter().filter_map(|&exponent| of(Self { kind, exponent })).collect()
+    }
+
+    /// DN of an electron of the effect in a stack.
+    pub(super) fn unit(self, e: &Evidence<'_>, c: &Condition) -> f64 {
+        e.gain(c) * libm::pow(c.stack.analog_gain, self.exponent)
+    }
+
+    /// The standard deviation that the model has of it, e⁻.
+    pub(super) fn present(self, e: &Evidence<'_>) -> f64 {
+        let of = |key| present(e.camera, self.kind, key);
+        let own = of("gain_exponent").unwrap_or(BEFORE_GAIN) == self.exponent;
+        of("sigma_e").filter(|_| own).unwrap_or(0.0)
+    }
+
+    /// Its proposal.
+    pub(super) fn proposal(
+        self,
+        strength: f64,
+        mut law: Vec<(&'static str, Value)>,
+    ) -> Option<Proposal> {
+        if self.exponent != BEFORE_GAIN {
+            law.push(("gain_exponent", Value::chosen(self.exponent)));
+        }
+        Proposal::of(self.kind, strength, law)
+    }
+}
+
+/// The standard deviation that the model has of an offset in a stack, DN.
+pub(super) fn present_dn(e: &Evidence<'_>, kind: &'static str, c: &Condition) -> f64 {
+    let of = |key| present(e.camera, kind, key);
+    let exponent = of("gain_exponent").unwrap_or(BEFORE_GAIN);
+    Added { kind, exponent }.unit(e, c) * of("sigma_e").unwrap_or(0.0)
 }
 
 /// A count of outliers, and the model's prediction of it.

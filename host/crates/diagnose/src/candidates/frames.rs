@@ -5,13 +5,13 @@
 //!   offset: σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻², over all stacks;
 //!   light:  σ² = σ₀² + ⟨(V − V')/s²⟩, without unit, over the flats,
 //!
-//! with K the system gain (DN/e⁻), s the signal of a flat above dark (DN), ⟨ ⟩ inverse-variance
+//! with K the system gain (DN/e⁻), of an offset behind the analogue gain that of the gain 1, s the signal of a flat above dark (DN), ⟨ ⟩ inverse-variance
 //! means and σ₀ what the model has already. The offset's correlation from one frame to the next is
 //! the likeliest one of a first-order autoregression plus white noise (Kalman's filter).
 
-use super::common::present;
+use super::common::{Added, present, present_dn};
 use super::proposal::{Proposal, deviation};
-use super::rows::{common_excess, present_columns, present_rows};
+use super::rows::common_excess;
 use crate::evidence::Evidence;
 use crate::statistics::statistic::{Place, What};
 use crate::statistics::temporal::mean;
@@ -27,35 +27,36 @@ fn present_flicker(e: &Evidence<'_>) -> f64 {
 }
 
 /// `frame-offset-noise`: standard deviation and correlation of the likeliest drift.
-pub fn frame_offset(e: &Evidence<'_>) -> Option<Proposal> {
-    let (w, h) = e.size();
-    let excess = common_excess(e, What::FrameVariance, w * h)?;
-    let present = present(e.camera, "frame-offset-noise", "sigma_e").unwrap_or(0.0);
-    let s = deviation(present, excess)?;
-    let drift = likeliest(&levels(e))?;
-    let stacks = 0..e.stacks.len();
-    let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
-    let strength = e.stands_out(frames).abs().max(excess.z().abs());
-    let sigma = Value { value: drift.sd.value, ..s };
-    // The effect reaches as far as its own limit.
-    let correlation = Value::chosen(drift.correlation.value.min(MAX_CORRELATION));
-    let drift = [("sigma_e", sigma), ("correlation", correlation)];
-    Proposal::of("frame-offset-noise", strength, drift)
+pub fn frame_offset(e: &Evidence<'_>) -> Vec<Proposal> {
+    Added::each("frame-offset-noise", e, |added| {
+        let (w, h) = e.size();
+        let excess = common_excess(e, What::FrameVariance, w * h, added)?;
+        let s = deviation(added.present(e), excess)?;
+        let drift = likeliest(&levels(e, added))?;
+        let stacks = 0..e.stacks.len();
+        let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
+        let strength = e.stands_out(frames).abs().max(excess.z().abs());
+        let sigma = Value { value: drift.sd.value, ..s };
+        // The effect reaches as far as its own limit.
+        let correlation = Value::chosen(drift.correlation.value.min(MAX_CORRELATION));
+        added.proposal(strength, vec![("sigma_e", sigma), ("correlation", correlation)])
+    })
 }
 
-/// The frame means of every stack.
-fn levels(e: &Evidence<'_>) -> Vec<Levels> {
+/// The frame means of every stack, in the effect's electrons.
+fn levels(e: &Evidence<'_>, added: Added) -> Vec<Levels> {
     let (w, h) = e.size();
     let of_stack = |i: usize| {
         let (c, t) = (&e.design.conditions[i], &e.stacks[i]);
-        let k = e.gain(c);
-        let light = present_flicker(e) * e.signal(i).unwrap_or(0.0) / k;
+        let unit = added.unit(e, c);
+        let light = present_flicker(e) * e.signal(i).unwrap_or(0.0);
+        let white = mean(&t.pixel_variance) / (w * h)
+            + present_dn(e, "row-temporal-noise", c).powi(2) / h
+            + present_dn(e, "column-temporal-noise", c).powi(2) / w
+            + light * light;
         Levels {
-            means: t.frame_means.iter().map(|m| m / k).collect(),
-            white: mean(&t.pixel_variance) / (w * h * k * k)
-                + present_rows(e).powi(2) / h
-                + present_columns(e).powi(2) / w
-                + light * light,
+            means: t.frame_means.iter().map(|m| m / unit).collect(),
+            white: white / (unit * unit),
         }
     };
     (0..e.stacks.len()).map(of_stack).collect()

@@ -51,12 +51,12 @@ impl Estimator {
 }
 
 /// Every effect that is looked for, by its kind, with its estimator.
-pub const CATALOGUE: [(&str, Estimator); 45] = [
-    ("row-temporal-noise", One(rows::row_temporal)),
-    ("column-temporal-noise", One(rows::column_temporal)),
-    ("row-correlated-noise", One(rows::row_correlated)),
+pub const CATALOGUE: [(&str, Estimator); 46] = [
+    ("row-temporal-noise", Several(rows::row_temporal)),
+    ("column-temporal-noise", Several(rows::column_temporal)),
+    ("row-correlated-noise", Several(rows::row_correlated)),
     ("periodic-pattern-noise", One(periodic::periodic)),
-    ("frame-offset-noise", One(frames::frame_offset)),
+    ("frame-offset-noise", Several(frames::frame_offset)),
     ("light-flicker", One(frames::light_flicker)),
     ("flicker-banding", One(flicker::flicker_banding)),
     ("read-noise", One(noise::read_noise)),
@@ -102,6 +102,7 @@ pub const CATALOGUE: [(&str, Estimator); 45] = [
     ("lateral-colour", One(|e| optics::estimate(e, "lateral-colour"))),
     ("decentre-tilt", One(|e| optics::estimate(e, "decentre-tilt"))),
     ("lens-transmittance", One(|e| optics::estimate(e, "lens-transmittance"))),
+    ("f-number", One(|e| optics::estimate(e, "f-number"))),
     ("veiling-glare", One(|e| optics::estimate(e, "veiling-glare"))),
 ];
 

@@ -1,6 +1,6 @@
 //! Effects that captures of targets (edges, dots, charts) show: `defocus`, `distortion`,
-//! `lateral-colour`, `decentre-tilt`, `lens-transmittance`, `veiling-glare`, `optical-crosstalk`;
-//! and the shadings, `relative-illumination` and `colour-shading`, which the gain map shows as
+//! `lateral-colour`, `decentre-tilt`, `lens-transmittance`, `f-number`, `veiling-glare`,
+//! `optical-crosstalk`; and the shadings, `relative-illumination` and `colour-shading`, which the gain map shows as
 //! well.
 //!
 //! Every figure of the targets depends a little on every parameter. How much, J, is found by
@@ -44,12 +44,13 @@ const fn free(key: &'static str, neutral: f64, step: f64) -> Free {
 }
 
 /// Kinds with their parameters. `size`, k1, k2 and the shadings are relative; _px are pixels.
-const KINDS: [(&str, &[Free]); 9] = [
+const KINDS: [(&str, &[Free]); 10] = [
     ("defocus", &[free("shift_um", 0.0, 0.0)]),
     ("distortion", &[free("size", 1.0, 0.002), free("k1", 0.0, 0.004), free("k2", 0.0, 0.004)]),
     ("lateral-colour", &[free("blue_px", 0.0, 0.3), free("red_px", 0.0, 0.3)]),
     ("decentre-tilt", &[free("x_px", 0.0, 4.0), free("y_px", 0.0, 4.0)]),
     ("lens-transmittance", &[free("factor", 1.0, -0.02), free("slope", 0.0, 0.01)]),
+    ("f-number", &[free("ratio", 1.0, 0.02)]),
     ("veiling-glare", &[free("fraction", 0.0, 0.01)]),
     ("relative-illumination", &[free("corner", 0.0, 0.02)]),
     (

@@ -11,6 +11,10 @@ use camrig_sensor_core::effects::{Effect, Parameter};
 /// by chance in one set of 350; what it lets through is judged by simulation.
 pub const MIN_STRENGTH: f64 = 4.0;
 
+/// Standard errors by which chance may put an estimate beyond the range of its parameter: it is the
+/// end of the range then.
+const BEYOND_RANGE: f64 = 3.0;
+
 /// A change of the model that would explain deviations.
 #[derive(Clone, Debug)]
 pub struct Proposal {
@@ -42,8 +46,15 @@ impl Proposal {
         strength: f64,
         parameters: impl Into<Vec<(&'static str, Value)>>,
     ) -> Option<Self> {
-        let parameters = parameters.into();
+        let mut parameters = parameters.into();
         let entry = Effect::CATALOGUE.iter().find(|entry| entry.kind == kind)?;
+        for (key, value) in &mut parameters {
+            let declared = entry.parameters.iter().find(|declared| declared.key == *key)?;
+            let inside = value.value.clamp(declared.min.into(), declared.max.into());
+            if (value.value - inside).abs() < BEYOND_RANGE * value.std_error {
+                value.value = inside;
+            }
+        }
         let value = |declared: &Parameter| {
             let own = parameters.iter().find(|(key, _)| *key == declared.key);
             own.map(|(_, e)| e.value as f32).or(declared.default)
@@ -98,8 +109,18 @@ impl Proposal {
         camera
     }
 
-    /// Adds this to the named effects and gives those that it revises their new values.
+    /// Adds this to the named effects, in place of an earlier one of its kind, whose other
+    /// parameters it keeps, and gives those that it revises their new values.
     pub fn join(mut self, named: &mut Vec<Proposal>) {
+        if let Some(at) = named.iter().position(|p| p.kind == self.kind && !self.beside) {
+            let earlier = named.remove(at);
+            let others = |key: &str| self.parameters.iter().all(|(own, _)| *own != key);
+            let mut kept = Proposal { parameters: earlier.parameters, ..self.clone() };
+            kept.parameters.retain(|(key, _)| others(key));
+            self.effects.iter().for_each(|effect| kept.take_values(effect));
+            self.parameters.extend(kept.parameters);
+            self.by_evidence |= earlier.by_evidence;
+        }
         for new in std::mem::take(&mut self.revised) {
             if let Some(p) = named.iter_mut().find(|p| p.kind == new.kind()) {
                 p.take_values(&new);
@@ -152,8 +173,40 @@ pub(super) fn deviation(present: f64, excess: Value) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::{AnyEffect, Proposal, Value};
+    use camrig_sensor_core::effects::dark_current::DarkCurrent;
     use camrig_sensor_core::effects::quantum_efficiency::QuantumEfficiency;
     use camrig_sensor_core::effects::relative_illumination::RelativeIllumination;
+
+    #[test]
+    fn a_kind_that_is_named_again_keeps_its_other_parameters() {
+        let law = |mean, dsnu| DarkCurrent {
+            mean_e_per_s: mean,
+            dsnu_e_per_s: dsnu,
+            doubling_c: 7.0,
+            reference_c: 20.0,
+        };
+        let mean = Value { value: 2.0, std_error: 0.1 };
+        let first = Proposal::new("dark-current", law(2.0, 0.0).into(), 9.0);
+        let mut named = vec![first.with("mean_e_per_s", mean)];
+        let dsnu = Value { value: 0.5, std_error: 0.02 };
+        let second = Proposal::new("dark-current", law(2.5, 0.5).into(), 9.0);
+        second.with("dsnu_e_per_s", dsnu).join(&mut named);
+        let [only] = &named[..] else { panic!("{named:?}") };
+        let of = |key| only.parameters.iter().find(|p| p.0 == key).unwrap().1;
+        assert_eq!((of("dsnu_e_per_s").value, of("mean_e_per_s").value), (0.5, 2.5));
+        assert_eq!(of("mean_e_per_s").std_error, 0.1);
+    }
+
+    #[test]
+    fn an_estimate_that_chance_put_beyond_its_range_is_the_end_of_it() {
+        let dead = |gain, std_error| {
+            let gain = Value { value: gain, std_error };
+            let law = [("fraction", Value::chosen(0.03)), ("gain", gain)];
+            Proposal::of("defective-columns", 9.0, law)
+        };
+        assert_eq!(dead(-2e-5, 5e-4).unwrap().parameters[1].1.value, 0.0);
+        assert!(!dead(-0.1, 5e-4).is_some_and(|p| p.is_possible()));
+    }
 
     #[test]
     fn a_revised_effect_has_its_new_value_among_effects_and_parameters() {

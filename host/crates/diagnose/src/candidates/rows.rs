@@ -6,13 +6,13 @@
 //!
 //!   σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻²,
 //!
-//! with K the system gain (DN/e⁻), ⟨ ⟩ the inverse-variance mean over stacks and σ₀ what the model
-//! has already. V is kept as its ratio to the variance of a mean of white noise
-//! ([`What::RowVariance`], [`What::ColumnVariance`]). The law of correlated rows, power in
-//! proportion to f^−a, is the likeliest one of the periodograms of the row means (Whittle 1953); σ
-//! in e⁻, a without unit.
+//! with K the system gain (DN/e⁻), of noise behind the analogue gain that of the gain 1, ⟨ ⟩ the
+//! inverse-variance mean over stacks and σ₀ what the model has already. V is kept as its ratio to
+//! the variance of a mean of white noise ([`What::RowVariance`], [`What::ColumnVariance`]). The law
+//! of correlated rows, power in proportion to f^−a, is the likeliest one of the periodograms of the
+//! row means (Whittle 1953); σ in e⁻, a without unit.
 
-use super::common::{LN_SIGMA_REACH, of_excess, present};
+use super::common::{Added, LN_SIGMA_REACH, present_dn};
 use super::proposal::{Proposal, deviation};
 use crate::evidence::Evidence;
 use crate::model::effects::current;
@@ -29,45 +29,49 @@ const EXPONENTS: [f64; 2] = [0.05, 2.0];
 /// two decades of a frame's frequencies its power changes by less than a factor of 2.5.
 const WHITE_BELOW: f64 = 0.2;
 
-/// Excess, over the model, of a variance that is the same in every stack, e⁻². `what` is a ratio
-/// to the variance of the mean of `across` pixels.
-pub(super) fn common_excess(e: &Evidence<'_>, what: What, across: f64) -> Option<Value> {
+/// Excess, over the model, of a variance that is the same in every stack, in the squares of an
+/// effect's electrons. `what` is a ratio to the variance of the mean of `across` pixels.
+pub(super) fn common_excess(
+    e: &Evidence<'_>,
+    what: What,
+    across: f64,
+    added: Added,
+) -> Option<Value> {
     let stacks = e.design.conditions.iter().enumerate();
-    Value::combine(
-        stacks.filter_map(|(i, c)| {
-            Some(e.component(i, what, across)?.scaled(1.0 / e.gain(c).powi(2)))
-        }),
-    )
+    Value::combine(stacks.filter_map(|(i, c)| {
+        Some(e.component(i, what, across)?.scaled(1.0 / added.unit(e, c).powi(2)))
+    }))
 }
 
-/// Standard deviation of the rows' temporal noise in the model, e⁻.
-pub(super) fn present_rows(e: &Evidence<'_>) -> f64 {
-    present(e.camera, "row-temporal-noise", "sigma_e").unwrap_or(0.0)
+/// White noise of lines of a kind, from the variance of their means of `across` pixels.
+fn white(e: &Evidence<'_>, kind: &'static str, what: What, across: f64) -> Vec<Proposal> {
+    Added::each(kind, e, |added| {
+        let excess = common_excess(e, what, across, added)?;
+        let sigma = deviation(added.present(e), excess)?;
+        added.proposal(excess.z().abs(), vec![("sigma_e", sigma)])
+    })
 }
 
-/// Standard deviation of the columns' temporal noise in the model, e⁻.
-pub(super) fn present_columns(e: &Evidence<'_>) -> f64 {
-    present(e.camera, "column-temporal-noise", "sigma_e").unwrap_or(0.0)
+/// `row-temporal-noise`: the variance of row means that all stacks have more than the model.
+pub fn row_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
+    white(e, "row-temporal-noise", What::RowVariance, e.size().0)
 }
 
-/// `row-temporal-noise`: variance of row means beyond that of white noise.
-pub fn row_temporal(e: &Evidence<'_>) -> Option<Proposal> {
-    let excess = common_excess(e, What::RowVariance, e.size().0)?;
-    of_excess("row-temporal-noise", "sigma_e", present_rows(e), excess)
-}
-
-/// `column-temporal-noise`: variance of column means beyond that of white noise.
-pub fn column_temporal(e: &Evidence<'_>) -> Option<Proposal> {
-    let excess = common_excess(e, What::ColumnVariance, e.size().1)?;
-    of_excess("column-temporal-noise", "sigma_e", present_columns(e), excess)
+/// `column-temporal-noise`: the same of column means.
+pub fn column_temporal(e: &Evidence<'_>) -> Vec<Proposal> {
+    white(e, "column-temporal-noise", What::ColumnVariance, e.size().1)
 }
 
 /// `row-correlated-noise`: standard deviation and exponent of the likeliest power law.
-pub fn row_correlated(e: &Evidence<'_>) -> Option<Proposal> {
-    let excess = common_excess(e, What::RowVariance, e.size().0)?;
-    let present = present(e.camera, "row-correlated-noise", "sigma_e").unwrap_or(0.0);
+pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
+    Added::each("row-correlated-noise", e, |added| correlated(e, added))
+}
+
+fn correlated(e: &Evidence<'_>, added: Added) -> Option<Proposal> {
+    let excess = common_excess(e, What::RowVariance, e.size().0, added)?;
+    let present = added.present(e);
     let s = deviation(present, excess)?;
-    let spectra = spectra(e);
+    let spectra = spectra(e, added);
     let around = libm::log(s.value);
     let (ln_sigma, exponent) = lowest(
         |ln_sigma, a| negative_log_likelihood(&spectra, libm::exp(2.0 * ln_sigma), a),
@@ -89,33 +93,33 @@ pub fn row_correlated(e: &Evidence<'_>) -> Option<Proposal> {
         _ => excess.z().abs(),
     };
     let sigma = Value { value: sigma, ..s };
-    let law = [("sigma_e", sigma), ("exponent", Value::chosen(exponent))];
-    Proposal::of("row-correlated-noise", strength, law)
+    added.proposal(strength, vec![("sigma_e", sigma), ("exponent", Value::chosen(exponent))])
 }
 
 /// Power of the row means of a stack.
 struct RowSpectrum {
     /// Periodograms of which `power` is the mean.
     dof: f64,
-    /// Power of a bin by white noise of pixels and rows, e⁻².
+    /// Power of a bin by white noise of pixels and rows, in squares of the effect's electrons.
     white: f64,
-    /// Power of each bin from one cycle per frame to half a cycle per row, e⁻².
+    /// Power of each bin from one cycle per frame to half a cycle per row, in the same unit.
     power: Vec<f64>,
 }
 
 /// Row spectra of the stacks; where the model has flicker, whose bands are lines as well, of the
 /// dark ones alone.
-fn spectra(e: &Evidence<'_>) -> Vec<RowSpectrum> {
+fn spectra(e: &Evidence<'_>, added: Added) -> Vec<RowSpectrum> {
     let flicker = current(e.camera, "flicker-banding").is_some();
     let stacks = e.design.conditions.iter().zip(e.stacks);
     stacks
         .filter(|(c, _)| !flicker || c.stack.role == Role::Dark)
         .map(|(c, t)| {
-            let k2 = e.gain(c).powi(2);
+            let square = added.unit(e, c).powi(2);
+            let rows = present_dn(e, "row-temporal-noise", c).powi(2);
             RowSpectrum {
                 dof: t.dof,
-                white: mean(&t.pixel_variance) / e.size().0 / k2 + present_rows(e).powi(2),
-                power: t.row_power.iter().map(|p| p / k2).collect(),
+                white: (mean(&t.pixel_variance) / e.size().0 + rows) / square,
+                power: t.row_power.iter().map(|p| p / square).collect(),
             }
         })
         .collect()

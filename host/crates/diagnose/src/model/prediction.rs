@@ -42,7 +42,7 @@ pub struct Predicted {
     /// Sum over replicates (counts).
     total: f64,
     /// Replicates.
-    runs: f64,
+    pub runs: f64,
 }
 
 impl Predicted {
@@ -51,35 +51,21 @@ impl Predicted {
         self.scale != Scale::Count && self.sd * self.sd < MIN_VARIANCE
     }
 
+    /// How far a measurement is from it, standard deviations, of which `allowed` comes from the
+    /// set-up.
+    pub fn deviation(&self, measured: &Statistic, allowed: f64) -> f64 {
+        if self.scale == Scale::Count {
+            return tails::count(measured.value, self.total, self.runs);
+        }
+        let own = if measured.what.has_own_uncertainty() { measured.sd } else { 0.0 };
+        let variance = self.sd.max(own).powi(2) * (1.0 + 1.0 / self.runs) + allowed * allowed;
+        (self.scale.of(measured.value) - self.scaled) / variance.sqrt().max(1e-15)
+    }
+
     /// Whether a model predicts another value than `old`, or a much wider scatter, as of a pattern
     /// that differs from sensor to sensor.
     pub fn differs(&self, old: &Self) -> bool {
         ((self.scaled - old.scaled) / old.sd).abs() > MOVED_SD || self.sd > WIDENED * old.sd
-    }
-
-    /// Normal deviate of a count, of a statistic that is one.
-    pub fn count(&self, seen: f64) -> f64 {
-        tails::count(seen, self.total, self.runs)
-    }
-
-    /// Degrees of freedom of a mean of squares: those of its scatter over replicates, at most
-    /// those of white noise.
-    pub fn dof(&self) -> f64 {
-        match self.scale {
-            Scale::CubeRoot => {
-                // A cube root has the mean 1 − v and the variance v = 2/(9 dof) (Wilson & Hilferty
-                // 1931).
-                let ratio = self.scatter.sqrt() / self.scaled;
-                let sd = ((1.0 + 4.0 * ratio * ratio).sqrt() - 1.0) / (2.0 * ratio);
-                2.0 / 9.0 / (sd * sd).max(self.theory * self.theory)
-            }
-            _ => 2.0 / (self.sd * self.sd),
-        }
-    }
-
-    /// Number of replicates.
-    pub fn runs(&self) -> f64 {
-        self.runs
     }
 }
 
@@ -150,32 +136,23 @@ impl Prediction {
             let p = self.of.get(key)?;
             (p.is_constant() && p.scale.of(s.value) != p.scaled).then_some(*key)
         };
-        values.iter().filter_map(differs).collect()
+        values.iter().filter(|(key, _)| !key.1.only_bars()).filter_map(differs).collect()
     }
 
-    /// Deviation, standard deviations, of every statistic that both have and that has a scatter.
-    /// `allowance` holds standard deviations that come from the set-up, not from the sensor.
+    /// Deviation, standard deviations, of every statistic that both have, that has a scatter, and
+    /// that does more than bar effects. `allowance` holds standard deviations that come from the set-up, not from the sensor.
     pub fn deviations(
         &self,
         values: &Values,
         allowance: &BTreeMap<Key, f64>,
     ) -> BTreeMap<Key, f64> {
         let mut out = BTreeMap::new();
-        for (key, s) in values {
+        for (key, s) in values.iter().filter(|(key, _)| !key.1.only_bars()) {
             let Some(p) = self.of.get(key) else { continue };
             if p.is_constant() && p.scale.of(s.value) != p.scaled {
                 continue;
             }
-            let z = match p.scale {
-                Scale::Count => p.count(s.value),
-                _ => {
-                    let allowed = allowance.get(key).copied().unwrap_or(0.0);
-                    let own = if key.1.has_own_uncertainty() { s.sd * s.sd } else { 0.0 };
-                    let variance =
-                        (p.sd * p.sd).max(own) * (1.0 + 1.0 / p.runs) + allowed * allowed;
-                    (p.scale.of(s.value) - p.scaled) / variance.sqrt().max(1e-15)
-                }
-            };
+            let z = p.deviation(s, allowance.get(key).copied().unwrap_or(0.0));
             if z.is_finite() {
                 out.insert(*key, z);
             }
@@ -220,9 +197,11 @@ pub fn bounded(z: f64) -> f64 {
     if square < gross { square } else { gross * (1.0 + libm::log(square / gross)) }
 }
 
-/// Mean of squared deviations.
-pub fn mean_square(deviations: &BTreeMap<Key, f64>) -> f64 {
-    deviations.values().map(|z| z * z).sum::<f64>() / deviations.len().max(1) as f64
+/// Mean of squared deviations, each [`bounded`].
+pub fn mean_square<'a>(deviations: impl IntoIterator<Item = &'a f64>) -> f64 {
+    let (sum, count) =
+        deviations.into_iter().fold((0.0, 0), |(sum, n), z| (sum + bounded(*z), n + 1));
+    sum / f64::from(count.max(1))
 }
 
 #[cfg(test)]

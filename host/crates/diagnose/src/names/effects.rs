@@ -621,7 +621,7 @@ fn of_groups(
 
 /// Whether an effect is seen only in part, by as much as the model with it shows.
 pub(super) fn is_seen_in_part(effect: &str) -> bool {
-    effect == "dark-current-telegraph-noise"
+    matches!(effect, "dark-current-telegraph-noise" | "read-noise-spread")
 }
 
 /// Light that changes over rows and from frame to frame.
@@ -728,7 +728,10 @@ pub(super) fn proposal(
         "column-offset-fpn" => sigma("sigma_e", d.pattern.columns, m.pattern.columns, per_e),
         "row-offset-fpn" => sigma("sigma_e", d.pattern.rows, m.pattern.rows, per_e),
         "read-noise-spread" => {
-            Proposal::of(test.effect, strength, [("spread", d.read_noise_spread)])
+            // Rounding and noise of rows dilute it.
+            let seen = present("spread").filter(|_| m.read_noise_spread.value > 0.0);
+            let part = seen.map_or(1.0, |had| had / m.read_noise_spread.value);
+            Proposal::of(test.effect, strength, [("spread", d.read_noise_spread.scaled(part))])
         }
         "frame-offset-noise" => {
             let offsets = data.frame_offsets?;

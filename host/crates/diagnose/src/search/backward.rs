@@ -1,23 +1,19 @@
-//! Backward elimination: removes named effects that the others make redundant, and those that leave
-//! gross deviations in the statistics that they should explain.
+//! Backward elimination: removes named effects that the others make redundant.
 
 use super::chance::stands_out;
 use super::estimate::{estimates, fitted, propose, refit};
-use super::evaluation::{Deviation, Evaluation, Model, RUNS, RUNS_ON_THE_WAY};
+use super::evaluation::{Evaluation, Model, RUNS, RUNS_ON_THE_WAY};
 use super::forward::{Rivals, Selection, Step};
 use super::trial::{EVIDENCE_IN_ALL, TRIAL_RUNS};
-use crate::candidates::proposal::{MIN_STRENGTH, Proposal, with_all};
+use crate::candidates::proposal::{MIN_STRENGTH, with_all};
 use crate::measured::Measured;
-use crate::model::prediction::bounded;
-use crate::statistics::statistic::{Key, Place, What};
 use camrig_base::Result;
 use camrig_camera::Camera;
-use std::f64::consts::FRAC_1_SQRT_2;
 
-/// So few effects must explain everything: a sensor with many effects leaves a little of each,
-/// while one or two that leave much are only similar to an effect outside the catalogue. From
-/// hidden sets with such effects (`docs/diagnosis.md`).
-pub(super) const FEW_EFFECTS: usize = 2;
+/// So few effects must explain everything, unless they have evidence of their own: a sensor with
+/// many effects leaves a little of each, while one or two that leave much are only similar to an
+/// effect outside the catalogue. From hidden sets with such effects (`docs/diagnosis.md`).
+const FEW_EFFECTS: usize = 2;
 /// Up to so many effects, each is left out once with the others estimated again, which costs
 /// sixteen replicates each.
 pub(super) const REESTIMATED_EFFECTS: usize = 4;
@@ -27,11 +23,6 @@ const REDUNDANT: f64 = EVIDENCE_IN_ALL / 2.0;
 /// Standard errors by which another effect's parameter must change to explain what a removed one
 /// did.
 const TAKES_OVER: f64 = 2.0;
-/// Deviation of both halves together, standard deviations, that neither chance nor an inaccurate
-/// distribution explains: another effect.
-const GROSS_DEVIATION: f64 = 10.0;
-/// Gross deviations in the statistics that an effect changes, over its evidence, at most.
-const MAX_GROSS: f64 = 0.1;
 /// Fraction of the held-out gap that named effects must close where statistics stay unexplained.
 const MIN_CLOSED: f64 = 0.75;
 /// Held-out gap up to which few effects fit: deviations of twice those due to chance.
@@ -45,18 +36,17 @@ pub(super) struct Elimination {
     pub steps: Vec<Step>,
     /// Kinds that the captures cannot distinguish, of which the one taken is kept.
     pub confounded: Vec<Rivals>,
-    /// Kinds that came nearest, but leave too much unexplained to be named.
+    /// Kinds that came nearest, but do harm elsewhere or leave too much unexplained to be named.
     pub nearest: Vec<String>,
 }
 
-/// Removes effects that are not needed, and those that do not fit. `before` is the model at the
-/// start.
+/// Removes effects that are not needed. `before` is the model at the start.
 pub(super) fn eliminate(
     measured: &Measured,
     before: &Evaluation,
     selection: Selection,
 ) -> Result<Elimination> {
-    let Selection { model, mut steps, mut confounded } = selection;
+    let Selection { model, mut steps, mut confounded, barred: mut nearest } = selection;
     let mut model = model.by(measured, RUNS)?;
     let base = &before.camera;
     // A single effect estimated from targets was tried on its likelihood alone.
@@ -68,8 +58,6 @@ pub(super) fn eliminate(
         measured.fit.optics.slopes.forget();
         model = refit(measured, model)?;
     }
-    let mut nearest = Vec::new();
-    model = drop_misfits(measured, base, model, &mut steps, &mut nearest)?;
     if !steps.is_empty() && is_misfit(before, &model, steps.len()) {
         let (kept, misfits): (Vec<Step>, Vec<Step>) =
             steps.into_iter().partition(|s| s.trial.proposal.by_evidence);
@@ -84,10 +72,12 @@ pub(super) fn eliminate(
     // Neither an effect that was removed nor a rival that is also named is ambiguous.
     let named = |kind: &String| steps.iter().any(|s| s.trial.proposal.kind == kind);
     confounded.retain(|pair| named(&pair.taken) && !named(&pair.rival));
+    nearest.retain(|kind| !named(kind));
     Ok(Elimination { model, steps, confounded, nearest })
 }
 
-/// Whether so many effects leave so much unexplained that the data do not support them.
+/// Whether so many effects leave so much unexplained that the data do not support those without
+/// evidence of their own.
 fn is_misfit(before: &Evaluation, after: &Evaluation, names: usize) -> bool {
     let closed = (before.gap - after.gap) / (before.gap - 1.0).max(1e-9);
     let misfit = closed < MIN_CLOSED || names <= FEW_EFFECTS && after.gap > MAX_GAP_OF_FEW;
@@ -165,61 +155,4 @@ fn would_move(measured: &Measured, model: Model<'_>) -> bool {
                 .any(|((_, a), (_, p))| (a.value - p.value).abs() > TAKES_OVER * a.std_error)
         })
     })
-}
-
-/// Removes effects that leave gross deviations in the same statistics, or the same map, in which
-/// they were found: the cause is something else that resembles the effect. Their kinds are added to
-/// `nearest`.
-fn drop_misfits(
-    measured: &Measured,
-    base: &Camera,
-    model: Evaluation,
-    steps: &mut Vec<Step>,
-    nearest: &mut Vec<String>,
-) -> Result<Evaluation> {
-    if steps.len() > FEW_EFFECTS {
-        return Ok(model);
-    }
-    let gross = gross_deviations(measured, &model);
-    let before = steps.len();
-    steps.retain(|step| {
-        let near = |key: &Key| {
-            let same_map = |k: &Key| k.0 == key.0 && matches!(k.0, Place::Map(_));
-            step.touches.iter().any(|k| k == key || same_map(k))
-        };
-        let left: f64 = gross.iter().filter(|d| near(&d.key)).map(|d| bounded(d.z)).sum();
-        let keep = step.trial.proposal.by_evidence || left < MAX_GROSS * step.trial.evidence;
-        if !keep {
-            nearest.push(step.trial.proposal.kind.to_string());
-        }
-        keep
-    });
-    if steps.len() == before {
-        return Ok(model);
-    }
-    let named: Vec<Proposal> = model
-        .named
-        .iter()
-        .filter(|p| steps.iter().any(|s| s.trial.proposal.kind == p.kind))
-        .cloned()
-        .collect();
-    let camera = with_all(base, &named);
-    fitted(measured, camera, named, RUNS)
-}
-
-/// Gross deviations that a model leaves in both halves.
-fn gross_deviations(measured: &Measured, model: &Evaluation) -> Vec<Deviation> {
-    // The shape of a map's distribution is reported, but removes no effect.
-    let shape = |(place, what): &Key| {
-        matches!((place, what), (Place::Map(_), What::Skewness | What::Kurtosis))
-    };
-    // An outlier of a single pixel in one half is chance: few hot pixels have most of a stack's
-    // variance.
-    let [fit, holdout] = &model.deviations;
-    let in_each = |key: &Key| {
-        let halves = [fit.get(key), measured.held_out(*key).and_then(|key| holdout.get(&key))];
-        halves.into_iter().flatten().all(|z| z.abs() > GROSS_DEVIATION * FRAC_1_SQRT_2)
-    };
-    let gross = |d: &&Deviation| d.z.abs() > GROSS_DEVIATION && in_each(&d.key) && !shape(&d.key);
-    model.unexplained.iter().filter(gross).copied().collect()
 }

@@ -163,7 +163,7 @@ impl Norm {
             .map(|i| {
                 let mut others = replicates.to_vec();
                 let one = others.remove(i);
-                mean_square(&Prediction::new(&others).deviations(&one, &BTreeMap::new()))
+                mean_square(Prediction::new(&others).deviations(&one, &BTreeMap::new()).values())
             })
             .collect();
         let (mean, variance) = moments(&squares);
@@ -173,7 +173,7 @@ impl Norm {
 
 /// The gap that deviations of the held-out frames make.
 pub(super) fn gap(held_out: &BTreeMap<Key, f64>, norm: Norm) -> f64 {
-    mean_square(held_out) / norm.mean.max(1e-9)
+    mean_square(held_out.values()) / norm.mean.max(1e-9)
 }
 
 /// Statistics that a model leaves unexplained, the furthest first; `as_given`: no effect was added

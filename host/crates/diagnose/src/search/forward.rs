@@ -28,12 +28,8 @@ const HOPELESS_DEFICIT: f64 = EVIDENCE_IN_ALL;
 const HOPELESS_FRACTION: f64 = 0.5;
 /// Candidates whose parameters are refined in a round: the most likely after their trial.
 const MAX_SETTLED: usize = 3;
-/// Most effects named. Hidden sets contain up to six; real sensors have shown nine.
+/// Most effects added. Hidden sets contain up to six; real sensors have shown nine.
 const MAX_EFFECTS: usize = 10;
-/// Mean square deviation of a model's replicates from each other, over that of the model at the
-/// start, from which the model explains nothing: replicates with so much scatter agree with any
-/// measurement (`docs/diagnosis.md`).
-const DIVERGED: f64 = 3.0;
 /// Difference in deviance up to which a rival is as good as the winner: 3² for three standard
 /// deviations.
 const RIVAL_MARGIN: f64 = 9.0;
@@ -64,8 +60,6 @@ pub struct Step {
     pub gap_after: f64,
     /// The other trials of the round, best first, one of each kind.
     pub others: Vec<Trial>,
-    /// Statistics whose prediction it changes.
-    pub(super) touches: Vec<Key>,
     /// The statistic whose deviation fell most, in all captures.
     pub observed: Vec<Observed>,
     /// The held-out statistics whose deviation fell most.
@@ -93,6 +87,7 @@ pub struct Rivals {
 }
 
 /// Effects that were selected, and the model with them.
+#[derive(Clone)]
 pub struct Selection {
     /// The model.
     pub model: Evaluation,
@@ -100,13 +95,8 @@ pub struct Selection {
     pub steps: Vec<Step>,
     /// Kinds that the captures cannot distinguish.
     pub confounded: Vec<Rivals>,
-}
-
-impl Selection {
-    /// Of nothing yet.
-    pub(super) fn empty(before: &Evaluation) -> Self {
-        Self { model: before.clone(), steps: Vec::new(), confounded: Vec::new() }
-    }
+    /// Kinds that explain much, but do harm elsewhere, when nothing else was left to add.
+    pub barred: Vec<String>,
 }
 
 /// The effects that stand out by their own evidence, put in together; one after the other, the
@@ -116,6 +106,14 @@ pub(super) fn seeded(
     before: &Evaluation,
     mut seeds: Vec<Proposal>,
 ) -> Result<Selection> {
+    if seeds.is_empty() {
+        return Ok(Selection {
+            model: before.clone(),
+            steps: Vec::new(),
+            confounded: Vec::new(),
+            barred: Vec::new(),
+        });
+    }
     seeds.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     let with = |model: &Evaluation, more: &[Proposal]| -> Result<Option<Evaluation>> {
         let mut named = model.named.clone();
@@ -123,7 +121,7 @@ pub(super) fn seeded(
         let camera = with_all(&model.camera, more);
         let next = Evaluation::new(measured, camera, named, RUNS_ON_THE_WAY)?;
         let helps = next.deviance() < model.by(measured, RUNS_ON_THE_WAY)?.deviance();
-        Ok((helps && !veto::contradicts(measured, model, &next)).then_some(next))
+        Ok((helps && !veto::bars(measured, model, &next)).then_some(next))
     };
     let mut model = before.clone();
     match with(&model, &seeds)? {
@@ -146,34 +144,36 @@ pub(super) fn seeded(
         };
         step(&measured.holdout, before, &model, trial, Vec::new())
     });
-    Ok(Selection { steps: steps.collect(), model, confounded: Vec::new() })
+    let (confounded, barred) = (Vec::new(), Vec::new());
+    Ok(Selection { steps: steps.collect(), model, confounded, barred })
 }
 
 /// Adds the best candidate of each round until none is significant. `wanted` is whether a kind may
 /// be added to so many named ones; `trying` receives what is being tried.
 pub(super) fn select(
     measured: &Measured,
-    before: &Evaluation,
     start: Selection,
     wanted: &dyn Fn(&str, usize) -> bool,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Selection> {
     let mut selection = start;
-    let most = selection.steps.len() + MAX_EFFECTS;
-    while selection.steps.len() < most {
+    for _ in 0..MAX_EFFECTS {
         let model = &selection.model;
         let wanted = |kind: &str| wanted(kind, selection.steps.len());
         let trials = trials(measured, model, &wanted, trying)?;
         let settled = settled(measured, model, &trials)?;
-        let Some((best, next)) = first_that_holds(measured, before, model, &settled)? else {
-            break;
-        };
+        let (held, barred) = first_that_holds(measured, model, &settled)?;
+        selection.barred = barred;
+        let Some((best, next)) = held else { break };
         let others = others(&best, settled, trials);
         if let Some(rival) = others.first().filter(|r| is_rival(&best, r)) {
             let [taken, rival] = [&best, rival].map(|t| t.proposal.kind.to_string());
             selection.confounded.push(Rivals { taken, rival });
         }
-        selection.steps.push(step(&measured.holdout, model, &next, best, others));
+        let added = step(&measured.holdout, model, &next, best, others);
+        let Proposal { kind, beside, .. } = added.trial.proposal;
+        selection.steps.retain(|s| beside || s.trial.proposal.kind != kind);
+        selection.steps.push(added);
         selection.model = next;
     }
     Ok(selection)
@@ -226,25 +226,25 @@ fn settled(measured: &Measured, model: &Evaluation, trials: &[Trial]) -> Result<
     Ok(settled)
 }
 
-/// The first of the refined trials that is significant, with a model that does not diverge and that
-/// no statistic contradicts, and the model with it.
+/// The first of the refined trials that is significant and that no statistic bars, and the model
+/// with it; and the kinds of those before it.
 fn first_that_holds(
     measured: &Measured,
-    before: &Evaluation,
     model: &Evaluation,
     settled: &[Trial],
-) -> Result<Option<(Trial, Evaluation)>> {
+) -> Result<(Option<(Trial, Evaluation)>, Vec<String>)> {
+    let mut barred = Vec::new();
     for trial in settled.iter().filter(|t| t.is_significant(model.gap)) {
         let mut named = model.named.clone();
         trial.proposal.clone().join(&mut named);
         let camera = trial.proposal.applied(&model.camera);
         let next = fitted(measured, camera, named, RUNS_ON_THE_WAY)?;
-        let holds = !veto::contradicts(measured, model, &next);
-        if next.norm.mean < DIVERGED * before.norm.mean && holds {
-            return Ok(Some((trial.clone(), next)));
+        if !veto::bars(measured, model, &next) {
+            return Ok((Some((trial.clone(), next)), barred));
         }
+        barred.push(trial.proposal.kind.to_string());
     }
-    Ok(None)
+    Ok((None, barred))
 }
 
 /// All trials of a round except of the winner's kind, the first of each kind.
@@ -278,18 +278,11 @@ fn step(
     Step {
         observed: observed(held_out, moved.first().map(|m| m.key), before, after),
         moved,
-        touches: touched(before, after),
         gap_before: before.gap,
         gap_after: after.gap,
         trial,
         others,
     }
-}
-
-/// Statistics whose prediction changes in a step.
-fn touched(before: &Evaluation, after: &Evaluation) -> Vec<Key> {
-    let moved = |k: &Key| Some(after.fit.of.get(k)?.differs(before.fit.of.get(k)?));
-    before.fit.of.keys().filter(|k| moved(k) == Some(true)).copied().collect()
 }
 
 /// The held-out statistics whose deviation fell most.

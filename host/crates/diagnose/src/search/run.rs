@@ -1,7 +1,7 @@
 //! The whole search: forward selection and backward elimination, once, and again where an effect
 //! taken early may have displaced better ones; then the parameters with their standard errors.
 
-use super::backward::{self, FEW_EFFECTS, REESTIMATED_EFFECTS};
+use super::backward::{self, REESTIMATED_EFFECTS};
 use super::estimate::fitted;
 use super::evaluation::{Evaluation, RUNS, RUNS_ON_THE_WAY};
 use super::forward::{self, Rivals, Selection, Step};
@@ -36,7 +36,7 @@ pub struct Outcome {
     pub after: Evaluation,
     /// Effects in the order in which they were found.
     pub steps: Vec<Step>,
-    /// Kinds that came nearest where none explains enough.
+    /// Kinds that came nearest, but do harm elsewhere or leave too much unexplained to be named.
     pub nearest: Vec<String>,
     /// Kinds that the captures cannot distinguish, of which one was named.
     pub confounded: Vec<Rivals>,
@@ -75,10 +75,13 @@ pub fn run_from(
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     // Processing by a camera is not an effect of its sensor.
-    let seeds = known.seeds;
-    let known = |kind: &str| !measured.processed && !known.without.iter().any(|w| w == kind);
+    let Known { seeds, without } = *known;
+    let known = |kind: &str| !measured.processed && !without.iter().any(|w| w == kind);
+    trying("effects by their own evidence");
+    let seeds: Vec<Proposal> = seeds.iter().filter(|p| known(p.kind)).cloned().collect();
+    let seeded = forward::seeded(measured, &before, seeds)?;
     let search = |wanted: &dyn Fn(&str, usize) -> bool| {
-        once(measured, &before, Selection::empty(&before), wanted, trying)
+        once(measured, &before, seeded.clone(), wanted, trying)
     };
     let mut found = search(&|kind, _| known(kind))?;
     // An effect added early may approximate two that are better together: the search with it as a
@@ -87,32 +90,6 @@ pub fn run_from(
         let other = search(&|kind, names| known(kind) && (kind != dominated || names > at))?;
         if other.after.deviance() < found.after.deviance() {
             found = Outcome { superseded: Some(dominated), ..other };
-        }
-    }
-    // An effect may explain at once what two others explain better together, or what it explains
-    // only together with another: the search without it, and with it as a later one only.
-    if found.steps.len() <= FEW_EFFECTS && !found.after.passes() {
-        let named = found.steps.iter().map(|s| s.trial.proposal.kind.to_string());
-        let doubtful: Vec<String> = named.chain(found.nearest.iter().cloned()).collect();
-        let ways = |kind: String| [(kind.clone(), usize::MAX), (kind, 1)];
-        for (kind, from) in doubtful.into_iter().take(FEW_EFFECTS).flat_map(ways) {
-            let other = search(&|k, names| known(k) && (k != kind || names >= from))?;
-            if !other.steps.is_empty() && other.after.passes() {
-                found = Outcome { superseded: Some(kind), ..other };
-                break;
-            }
-        }
-    }
-    // What stands out in its own statistic is put in together where the search, one effect after
-    // the other, leaves something: each is hard to see beside the others.
-    let seeds: Vec<Proposal> = seeds.iter().filter(|p| known(p.kind)).cloned().collect();
-    if !seeds.is_empty() && !found.after.passes() {
-        trying("effects by their own evidence");
-        let start = forward::seeded(measured, &before, seeds)?;
-        let other = once(measured, &before, start, &|kind, _| known(kind), trying)?;
-        // A random pattern that is right is less likely than a wrong one with less scatter.
-        if other.after.passes() || other.after.deviance() < found.after.deviance() {
-            found = other;
         }
     }
     trying("standard errors");
@@ -135,7 +112,7 @@ fn once(
     wanted: &dyn Fn(&str, usize) -> bool,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
-    let selection = forward::select(measured, before, start, wanted, trying)?;
+    let selection = forward::select(measured, start, wanted, trying)?;
     let left = backward::eliminate(measured, before, selection)?;
     Ok(Outcome {
         before: before.clone(),

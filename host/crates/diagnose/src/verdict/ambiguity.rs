@@ -12,6 +12,9 @@ pub(super) fn tie_breaker(a: &str, b: &str) -> &'static str {
     } else if any("optical-crosstalk") && any("defocus") {
         "narrow-band flats under a colour filter array, where crosstalk mixes the channels and \
          defocus does not; or the edge through focus, which moves the blur of defocus alone"
+    } else if any("f-number") {
+        "edges in focus at two marks of the aperture ring: the Airy disc follows the f-number, the \
+         transmittance does not change the blur; and the mark on the ring itself"
     } else if any("defocus") {
         "edges lying and standing, in the middle and in the corners, at two f-numbers"
     } else if any("decentre-tilt") || any("distortion") || any("lateral-colour") {

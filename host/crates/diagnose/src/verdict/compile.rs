@@ -68,7 +68,7 @@ pub fn report(measured: &Measured, outcome: &Outcome, evidence: Vec<Evidence>) -
             .chain(below_quantisation(measured, &outcome.after))
             .collect(),
         nuisances: measured.findings.clone(),
-        statistics: outcome.after.fit.of.len(),
+        statistics: outcome.after.fit.of.keys().filter(|key| !key.1.only_bars()).count(),
         steps: steps(measured, outcome, &status),
         superseded: outcome.superseded.clone(),
         unexplained: unexplained.map(|d| left(measured, &outcome.after, d.key, d.z)).collect(),

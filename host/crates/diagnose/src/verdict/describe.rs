@@ -5,7 +5,9 @@ use super::words;
 use crate::measured::Measured;
 use crate::model::effects::dn_per_e;
 use crate::search::Evaluation;
+use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Key, Place, Scale, What};
+use crate::statistics::temporal::BLOCK;
 use camrig_base::numbers::plain;
 
 /// A statistic that a model leaves unexplained, `z` standard deviations from it: how far, in units
@@ -38,7 +40,19 @@ pub(super) fn describe(measured: &Measured, model: &Evaluation, key: Key, z: f64
             What::RowVariance | What::ColumnVariance | What::FrameVariance | What::BlockVariance,
         ) => {
             let exposure = condition(i).map_or(0.0, |c| c.stack.exposure_s);
-            format!("{m:.3} times what white noise gives, the model {p:.3}, at {exposure} s")
+            let rms = rms_of_means(measured, key, m - p);
+            format!(
+                "{m:.3} times what white noise gives, the model {p:.3}: {rms:.3} DN ({:.2} e⁻) rms \
+                 {more} than the model, at {exposure} s",
+                rms / gain(i)
+            )
+        }
+        (Place::Map(kind), what) if has_unit(what) => {
+            let (unit, per_own) = unit_of(kind);
+            let root = matches!(what, What::PixelPattern | What::RowPattern | What::ColumnPattern);
+            let [m, p] = [m, p].map(|v| per_own * if root { v.max(0.0).sqrt() } else { v });
+            let rms = if root { " rms" } else { "" };
+            format!("{} {unit}{rms}, the model {} {unit}", plain(m), plain(p))
         }
         (Place::Target(i), What::Of(figure)) if figure.is_level() => {
             let gain = measured.fit.design.targets.get(i).map_or(1.0, |t| t.stack.analog_gain);
@@ -59,4 +73,46 @@ pub(super) fn describe(measured: &Measured, model: &Evaluation, key: Key, z: f64
         sentence = format!("{sentence}; {more}");
     }
     sentence
+}
+
+/// The root mean square, DN, of means of lines, blocks or frames whose variance is so many times
+/// that of white noise.
+fn rms_of_means(measured: &Measured, (place, what): Key, times: f64) -> f64 {
+    let Place::Stack(i) = place else { return f64::NAN };
+    let values = measured.fit.values.iter();
+    let own = values.filter(|(key, _)| key.0 == place && matches!(key.1, What::Variance(_)));
+    let (sum, count) = own.fold((0.0, 0.0), |(sum, n), (_, s)| (sum + s.value, n + 1.0));
+    let (w, h) = measured.fit.stacks.get(i).map_or((1, 1), |t| (t.width, t.height));
+    let pixels = match what {
+        What::RowVariance => w,
+        What::ColumnVariance => h,
+        What::BlockVariance => BLOCK * BLOCK,
+        _ => w * h,
+    };
+    (times.abs() * sum / f64::max(count, 1.0) / pixels as f64).sqrt()
+}
+
+/// Whether a statistic of a map is in the map's unit, or that squared.
+fn has_unit(what: What) -> bool {
+    matches!(
+        what,
+        What::PixelPattern
+            | What::RowPattern
+            | What::ColumnPattern
+            | What::Slope(_)
+            | What::Corner(_)
+            | What::EveryOtherRow
+            | What::EveryOtherColumn
+            | What::Checkerboard
+            | What::Median
+    )
+}
+
+/// The unit of a map for people, and how many of it are the map's own.
+fn unit_of(map: MapKind) -> (&'static str, f64) {
+    match map {
+        MapKind::Gain | MapKind::Curvature => ("%", 100.0),
+        MapKind::DarkCurrent => ("e⁻/s", 1.0),
+        MapKind::Offset | MapKind::AfterLight => ("DN", 1.0),
+    }
 }

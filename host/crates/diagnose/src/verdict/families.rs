@@ -3,6 +3,7 @@
 
 use super::describe::describe;
 use crate::measured::Measured;
+use crate::model::prediction::mean_square;
 use crate::report::FamilyGap;
 use crate::search::{Evaluation, Outcome};
 use crate::statistics::statistic::{Key, Place, What};
@@ -43,9 +44,7 @@ pub(super) fn families(measured: &Measured, outcome: &Outcome) -> Vec<FamilyGap>
             all.filter(|(k, _)| family(k) == name).collect()
         };
         let gap = |model: &Evaluation| {
-            let own = own(model, 1);
-            let squares = own.iter().map(|(_, z)| z * z).sum::<f64>();
-            squares / own.len() as f64 / model.norm.mean.max(1e-9)
+            mean_square(own(model, 1).iter().map(|(_, z)| z)) / model.norm.mean.max(1e-9)
         };
         let (before, after) = (&outcome.before, &outcome.after);
         let to_fit = own(after, 0);

@@ -4,6 +4,7 @@ use crate::data::design::{Design, Stack};
 use crate::statistics::codes::CODE_PERIODS;
 use crate::statistics::lines::PERIODS;
 use crate::statistics::maps::MapKind;
+use crate::statistics::quantiles::SHARES;
 use crate::statistics::spatial::SMOOTH_TERMS;
 use crate::statistics::statistic::{Figure, Key, Place, What};
 use crate::statistics::targets::RINGS;
@@ -22,6 +23,7 @@ pub fn name(camera: &Camera, key: Key) -> String {
         }
     };
     let spatial = matches!(key.0, Place::Map(_));
+    let share = |i: u8| SHARES.get(usize::from(i)).copied().unwrap_or_default();
     let period = |i: u8| PERIODS.get(usize::from(i)).copied().unwrap_or_default();
     match key.1 {
         What::Mean(c) => of("mean", c),
@@ -105,6 +107,14 @@ pub fn name(camera: &Camera, key: Key) -> String {
         What::Lattice => "16x16 lattice".into(),
         What::AfterImage => "mean after light".into(),
         What::Median => "median of pixels".into(),
+        What::RowVarianceDn => "variance of row means in DN²".into(),
+        What::FrameVarianceDn => "variance of frame means in DN²".into(),
+        What::SiteMean(i) => format!("mean of site {i} of the colour filter pattern"),
+        What::VarianceQuantile(i) => {
+            format!("variance that {} of the pixels stay below", share(i))
+        }
+        What::MeanQuantile(i) => format!("mean that {} of the pixels stay below", share(i)),
+        What::CodeQuantile(i) => format!("code that {} of the samples stay below", share(i)),
         What::Of(figure) => of_target(figure, &channel),
     }
 }
@@ -128,6 +138,8 @@ fn of_target(figure: Figure, channel: &dyn Fn(u8) -> String) -> String {
         }
         Figure::Radial(r) => format!("displacement of dots outwards {}", ring(r)),
         Figure::Horizontal(r) => format!("displacement of dots to the right {}", ring(r)),
+        Figure::SkewOfRows => "displacement of dots to the right, pixels per row".into(),
+        Figure::SkewOfColumns => "displacement of dots downwards, pixels per column".into(),
         Figure::Vertical(r) => format!("displacement of dots downwards {}", ring(r)),
         Figure::LateralColour { channel: c, ring: r } => {
             format!(

@@ -68,6 +68,7 @@ pub fn figures(camera: &Camera, dots: &Dots, picture: &Picture) -> Vec<MeasuredF
     let grid = Grid::new(frame, pitch);
     let own = grid.track(frame, cfa, channels[reference]);
     let mut out = rings(&grid, &own, camera.sensor.black_level_dn, reference);
+    out.extend(skews(&grid, &own));
     for channel in (0..channels.len()).filter(|c| *c != reference) {
         let other = grid.around(frame, cfa, channels[channel], &own);
         out.extend(lateral_colour(&grid, &own, &other, camera.sensor.black_level_dn, channel));
@@ -252,6 +253,24 @@ fn rings(grid: &Grid, found: &ByIndex, black: f64, channel: usize) -> Vec<Measur
     out
 }
 
+/// How far rows move to the right from row to row, and columns downwards from column to column, by
+/// the dots in the outer halves, where distortion is the same on both sides.
+fn skews(grid: &Grid, found: &ByIndex) -> Vec<MeasuredFigure> {
+    let of = |figure, across: usize, along: fn((i32, i32)) -> i32| {
+        let most = grid.indices.iter().map(|i| along(*i)).max()?;
+        let outer = found.iter().filter(|(i, _)| 2 * along(**i).abs() > most);
+        let per_line = outer.map(|(i, dot)| {
+            let lines = f64::from(along(*i)) * grid.pitch;
+            let value = (dot.at[across] - grid.ideal(*i)[across]) / lines;
+            Estimate { value, variance: dot.variance / (lines * lines) }
+        });
+        let (value, sd) = mean(&per_line.collect::<Vec<_>>())?;
+        Some(MeasuredFigure::linear(figure, value, sd))
+    };
+    let rows = of(Figure::SkewOfRows, 0, |(_, row)| row);
+    rows.into_iter().chain(of(Figure::SkewOfColumns, 1, |(column, _)| column)).collect()
+}
+
 /// A level above black.
 fn above(level: Estimate, black: f64) -> Estimate {
     Estimate { value: level.value - black, ..level }
@@ -319,6 +338,27 @@ mod tests {
             }
         }
         frame
+    }
+
+    /// Rows that a rolling shutter moves by 0.05 pixels each, of distorted dots 0.3 pixels off.
+    #[test]
+    fn the_skew_of_rows_is_told_from_shift_and_distortion() {
+        let frame = grid_of_discs(0.03);
+        let (w, h) = (frame.width, frame.height);
+        let skewed = Plane::from_fn(w, h, |x, y| {
+            let from = x as f64 - 0.05 * (y as f64 - 0.5 * (h as f64 - 1.0));
+            let left = (from.floor().max(0.0) as usize).min(w - 2);
+            let share = (from - left as f64).clamp(0.0, 1.0) as f32;
+            frame.at(left, y) * (1.0 - share) + frame.at(left + 1, y) * share
+        });
+        for (frame, right) in [(&frame, 0.0), (&skewed, 0.05)] {
+            let grid = Grid::new(frame, 12.0);
+            let found = grid.track(frame, &Cfa::parse("mono").unwrap(), 'M');
+            let [rows, columns] = &skews(&grid, &found)[..] else { panic!() };
+            // A hundredth of a pixel for each dot, over some 50 rows.
+            assert!((rows.value - right).abs() < 1e-3, "{}", rows.value);
+            assert!(columns.value.abs() < 1e-3, "{}", columns.value);
+        }
     }
 
     #[test]

@@ -1,0 +1,172 @@
+//! Quantiles of a stack's pixels and samples, the means of its sites, and the variances of rows and
+//! frames: whatever an effect does to some of the pixels, it moves some of these.
+//!
+//! The standard deviation of a quantile is half the distance between the order statistics that lie
+//! one binomial standard deviation, √(p (1 − p)/n) of the share, to either side of it: it assumes
+//! no distribution.
+
+use super::collect::{Collected, cube_root_sd};
+use super::statistic::{Scale, What};
+use super::temporal::Temporal;
+use crate::data::design::Condition;
+use camrig_base::Cfa;
+use camrig_base::median::{median, robust_sd};
+use camrig_captures::Role;
+use camrig_linear::moments;
+
+/// Shares of the pixels or samples that lie below the quantiles.
+pub const SHARES: [f64; 7] = [0.001, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999];
+const MEDIAN: usize = 3;
+/// Most pixels of a stack, evenly spread, whose quantiles are taken: those of 16 thousand are known
+/// to a hundredth of their spread, and ordering them takes little of the time of their simulation.
+const MAX_PIXELS: usize = 1 << 14;
+/// Robust standard deviations from the median at which the pixels of a site are clipped.
+const CLIP: f64 = 4.0;
+/// Least standard deviation, DN: codes are whole numbers, and a quantile may stay at the edge of one
+/// in all replicates.
+const MIN_SD_DN: f64 = 0.02;
+
+/// The quantiles, site means and variances of a stack; of flats whose light is taken from their own mean, no
+/// means.
+pub(super) fn statistics(t: &Temporal, c: &Condition, cfa: &Cfa, out: &mut Collected) {
+    if c.stack.role == Role::Dark || c.level_known {
+        site_means(t, cfa, out);
+    }
+    let bins = t.row_power.len() as f64;
+    let rows = t.row_power.iter().sum::<f64>() / bins;
+    let sd = cube_root_sd(rows, 2.0 * t.dof * bins);
+    out.add(What::RowVarianceDn, rows, sd, Scale::CubeRoot);
+    let (_, frames) = moments(&t.frame_means);
+    let sd = cube_root_sd(frames, t.frames as f64 - 1.0);
+    out.add(What::FrameVarianceDn, frames, sd, Scale::CubeRoot);
+    let variances = Sorted::of(&t.pixel_variance);
+    let means = Sorted::of(&t.mean.data);
+    let codes = Codes::of(&t.histogram);
+    let middle = [means.quantile(SHARES[MEDIAN]), codes.quantile(SHARES[MEDIAN])];
+    for (i, share) in SHARES.into_iter().enumerate() {
+        let name = i as u8;
+        let [low, high] = around(share, variances.count()).map(|p| variances.quantile(p));
+        let sd = (libm::cbrt(high) - libm::cbrt(low)) / 2.0;
+        let value = variances.quantile(share);
+        let sd = sd.max(libm::cbrt(MIN_SD_DN * MIN_SD_DN));
+        out.add(What::VarianceQuantile(name), value, sd, Scale::CubeRoot);
+        if i == MEDIAN {
+            continue;
+        }
+        let of = |quantile: &dyn Fn(f64) -> f64, count: f64, middle: f64| {
+            let [low, high] = around(share, count).map(quantile);
+            (quantile(share) - middle, ((high - low) / 2.0).max(MIN_SD_DN))
+        };
+        let (value, sd) = of(&|p| means.quantile(p), means.count(), middle[0]);
+        out.add(What::MeanQuantile(name), value, sd, Scale::Linear);
+        let (value, sd) = of(&|p| codes.quantile(p), codes.count, middle[1]);
+        out.add(What::CodeQuantile(name), value, sd, Scale::Linear);
+    }
+}
+
+/// The shares one binomial standard deviation below and above a share of so many.
+fn around(share: f64, count: f64) -> [f64; 2] {
+    let sd = (share * (1.0 - share) / count).sqrt();
+    [(share - sd).max(0.0), (share + sd).min(1.0)]
+}
+
+/// Mean of each site, its pixels clipped about their median.
+fn site_means(t: &Temporal, cfa: &Cfa, out: &mut Collected) {
+    for site in 0..cfa.width * cfa.height {
+        let rows = t.mean.data.chunks(t.width).skip(site / cfa.width).step_by(cfa.height);
+        let own = rows.flat_map(|row| row.iter().skip(site % cfa.width).step_by(cfa.width));
+        let mut own: Vec<f32> = own.copied().collect();
+        let middle = median(&mut own, f32::total_cmp);
+        let sd = robust_sd(own.iter().map(|x| x - middle));
+        let limit = (CLIP * sd) as f32;
+        let clipped = own.iter().map(|x| f64::from((x - middle).clamp(-limit, limit)));
+        let count = own.len() as f64;
+        let mean = f64::from(middle) + clipped.sum::<f64>() / count;
+        let sd = (sd / count.sqrt()).max(MIN_SD_DN / count.sqrt());
+        out.add(What::SiteMean(site as u8), mean, sd, Scale::Linear);
+    }
+}
+
+/// Values in order.
+struct Sorted(Vec<f32>);
+
+impl Sorted {
+    /// Of pixels evenly spread over all.
+    fn of(values: &[f32]) -> Self {
+        // An odd step visits all sites and columns.
+        let step = values.len().div_ceil(MAX_PIXELS) | 1;
+        let mut own: Vec<f32> = values.iter().step_by(step).copied().collect();
+        own.sort_unstable_by(f32::total_cmp);
+        Self(own)
+    }
+
+    fn count(&self) -> f64 {
+        self.0.len() as f64
+    }
+
+    fn quantile(&self, share: f64) -> f64 {
+        let at = share * (self.0.len().saturating_sub(1)) as f64;
+        let value = |i: usize| self.0.get(i).map_or(0.0, |v| f64::from(*v));
+        let low = at as usize;
+        value(low) + (at - low as f64) * (value(low + 1) - value(low)).max(0.0)
+    }
+}
+
+/// Samples by code.
+pub(super) struct Codes<'a> {
+    histogram: &'a [u32],
+    count: f64,
+}
+
+impl<'a> Codes<'a> {
+    pub(super) fn of(histogram: &'a [u32]) -> Self {
+        Self { histogram, count: histogram.iter().map(|&n| f64::from(n)).sum() }
+    }
+
+    /// A quantile of samples that are spread evenly from half a code below theirs to half above.
+    pub(super) fn quantile(&self, share: f64) -> f64 {
+        let mut left = share * self.count;
+        for (code, n) in self.histogram.iter().map(|&n| f64::from(n)).enumerate() {
+            if left <= n && n > 0.0 {
+                return code as f64 - 0.5 + left / n;
+            }
+            left -= n;
+        }
+        self.histogram.len() as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    /// Over 400 draws of 2000 normal values the quantiles scatter by as much as they say, and about
+    /// those of the normal law.
+    #[test]
+    fn a_quantile_is_as_uncertain_as_it_says() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(4);
+        for (share, expected) in [(0.01, -2.3263), (0.1, -1.2816), (0.5, 0.0), (0.99, 2.3263)] {
+            let (mut squares, mut sds) = (0.0, 0.0);
+            for _ in 0..400 {
+                let draw: Vec<f32> = (0..2000).map(|_| StandardNormal.sample(&mut rng)).collect();
+                let draw = Sorted::of(&draw);
+                let [low, high] = around(share, draw.count()).map(|p| draw.quantile(p));
+                squares += (draw.quantile(share) - expected).powi(2);
+                sds += (high - low) / 2.0;
+            }
+            let (scatter, sd) = ((squares / 400.0f64).sqrt(), sds / 400.0);
+            // The scatter is known to 3.5 %; of the twenty lowest values the mean is off by 2 %.
+            assert!((scatter / sd - 1.0).abs() < 0.13, "{share}: {scatter} {sd}");
+        }
+    }
+
+    #[test]
+    fn a_quantile_of_codes_moves_by_parts_of_a_code() {
+        // Half of the samples at 1, half at 2: the median is where one becomes the other.
+        assert!((Codes::of(&[0, 50, 50]).quantile(0.5) - 1.5).abs() < 1e-12);
+        assert!((Codes::of(&[0, 40, 60]).quantile(0.5) - (1.5 + 1.0 / 6.0)).abs() < 1e-12);
+    }
+}
