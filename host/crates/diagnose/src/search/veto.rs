@@ -5,14 +5,15 @@
 use super::evaluation::Evaluation;
 use crate::measured::{Half, Measured};
 use crate::model::prediction::{Predicted, Prediction};
-use crate::statistics::statistic::Statistic;
+use crate::statistics::statistic::{Statistic, What};
 
 /// Standard deviations beyond which a statistic is not chance: the largest of 154 statistics of 926
 /// simulated sets with nothing hidden was 7.0, of one in a hundred 5.0.
 const BEYOND_CHANCE: f64 = 7.5;
-/// How many times as far off as before a statistic is that an effect makes worse. What is off by
-/// another cause may be a little further off with the right effect.
-const TIMES_AS_FAR: f64 = 2.0;
+/// Harm that an effect may do to a statistic of one stack, over the most that it improves the same
+/// statistic of another. Chosen: what is off by another cause, by a hundredth of a dark current
+/// say, may be further off with the right effect; a wrong one does about as much harm as good.
+const MAX_HARM: f64 = 0.1;
 
 /// Whether a model leaves some statistic of either half further from what was measured than the
 /// model before did, beyond chance.
@@ -25,29 +26,56 @@ pub(super) fn bars(measured: &Measured, before: &Evaluation, after: &Evaluation)
 }
 
 fn worsens(half: &Half, before: &Prediction, after: &Prediction) -> bool {
-    half.values.iter().filter(|(key, _)| key.1.only_bars()).any(|(key, statistic)| {
+    let all = half.values.iter().filter(|(key, _)| key.1.only_bars()).filter_map(|(key, s)| {
         let allowed = half.allowance.get(key).copied().unwrap_or(0.0);
-        let models = before.of.get(key).zip(after.of.get(key));
-        models.is_some_and(|(before, after)| is_worse(statistic, allowed, before, after))
-    })
+        Some((key.1, Off::new(s, allowed, before.of.get(key)?, after.of.get(key)?)))
+    });
+    let all: Vec<(What, Off)> = all.collect();
+    let most_good = |what: What| {
+        let same = all.iter().filter(|(other, _)| *other == what);
+        same.map(|(_, off)| off.before - off.after).fold(0.0, f64::max)
+    };
+    all.iter().any(|(what, off)| off.is_worse() && off.harm() > MAX_HARM * most_good(*what))
 }
 
-/// Whether a statistic is beyond chance from a model, and more than [`TIMES_AS_FAR`] as far from it
-/// as from the one before, beyond what the means of the models' replicates scatter. The standard
-/// deviation is the larger one of both models: by its own each, a large deviation that stays as it
-/// was would grow by the scatter of the standard deviations.
-fn is_worse(measured: &Statistic, allowed: f64, before: &Predicted, after: &Predicted) -> bool {
-    let of_means = (1.0 / before.runs + 1.0 / after.runs).sqrt();
-    let chance = BEYOND_CHANCE * of_means * before.sd.max(after.sd) + allowed;
-    let off = |model: &Predicted| (after.scale.of(measured.value) - model.scaled).abs();
-    after.deviation(measured, allowed).abs() > BEYOND_CHANCE
-        && off(after) > TIMES_AS_FAR * off(before) + chance
+/// How far a statistic of a stack is from two models, on its scale.
+struct Off {
+    before: f64,
+    after: f64,
+    /// What the means of the models' replicates scatter, and what the set-up leaves open.
+    chance: f64,
+    /// From the second model, standard deviations.
+    deviation: f64,
+}
+
+impl Off {
+    /// The standard deviation is the larger one of both models: by its own each, a large deviation
+    /// that stays as it was would grow by the scatter of the standard deviations.
+    fn new(measured: &Statistic, allowed: f64, before: &Predicted, after: &Predicted) -> Self {
+        let of_means = (1.0 / before.runs + 1.0 / after.runs).sqrt();
+        let off = |model: &Predicted| (after.scale.of(measured.value) - model.scaled).abs();
+        Self {
+            before: off(before),
+            after: off(after),
+            chance: BEYOND_CHANCE * of_means * before.sd.max(after.sd) + allowed,
+            deviation: after.deviation(measured, allowed).abs(),
+        }
+    }
+
+    fn harm(&self) -> f64 {
+        self.after - self.before - self.chance
+    }
+
+    /// Whether it is beyond chance from the second model, and further from it than from the first.
+    fn is_worse(&self) -> bool {
+        self.deviation > BEYOND_CHANCE && self.harm() > 0.0
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::statistic::{Place, Scale, What, by_key};
+    use crate::statistics::statistic::{Place, Scale, by_key};
 
     fn statistic(value: f64) -> Statistic {
         let (place, what) = (Place::Stack(0), What::SiteMean(0));
@@ -59,14 +87,17 @@ mod tests {
         Prediction::new(&replicates).of[&(Place::Stack(0), What::SiteMean(0))]
     }
 
-    /// The means of sixteen replicates each differ by 0.35 standard deviations of 1.
+    /// The means of sixteen replicates each differ by 0.35 standard deviations of 1: by 2.7 at most.
     #[test]
-    fn what_is_much_further_off_beyond_chance_is_worse() {
-        let worse = |before, after| is_worse(&statistic(0.0), 0.0, &model(before), &model(after));
-        assert!(worse(0.0, 8.0) && worse(-4.0, 11.0) && worse(-20.0, 43.0));
-        // Within chance; off by another cause; nearer.
-        assert!(!worse(0.0, 7.5) && !worse(-20.0, 25.0) && !worse(20.0, 9.0));
+    fn what_is_further_off_beyond_chance_is_worse() {
+        let off = |allowed, before, after| {
+            Off::new(&statistic(0.0), allowed, &model(before), &model(after))
+        };
+        assert!(off(0.0, 0.0, 8.0).is_worse() && off(0.0, -20.0, 23.0).is_worse());
+        // Within chance; as far off as before but for chance; nearer.
+        assert!(!off(0.0, 0.0, 7.5).is_worse() && !off(0.0, -20.0, 22.5).is_worse());
+        assert!(!off(0.0, 20.0, 9.0).is_worse());
         // What the set-up leaves open counts as chance.
-        assert!(!is_worse(&statistic(0.0), 2.0, &model(0.0), &model(9.0)));
+        assert!(!off(2.0, 0.0, 9.0).is_worse());
     }
 }
