@@ -5,6 +5,10 @@
 use super::bias::Bias;
 use camrig_base::Value;
 
+/// Standard errors from which a part is there for certain, and below which it may be none.
+const CERTAIN: f64 = 5.0;
+const MAX_CHANCE: f64 = 3.0;
+
 /// A variance in DN²: what is amplified, at unity gain, and what comes behind the gain.
 #[derive(Clone, Copy, Debug)]
 pub struct Parts {
@@ -22,6 +26,8 @@ pub struct BehindGain {
     pub read_noise: Parts,
     /// Of the noise of rows.
     pub rows: Parts,
+    /// Of the offsets of sites from frame to frame; none of a monochrome sensor.
+    pub sites: Option<Parts>,
     /// Of the pattern of columns.
     pub column_pattern: Parts,
     /// Of the pattern of rows.
@@ -37,10 +43,13 @@ impl BehindGain {
             let points = biases.iter().map(|(gain, bias)| (gain * gain, of(bias)));
             Parts::of(&points.collect::<Vec<_>>())
         };
+        let of_sites = |b: &Bias| b.frame_site_variance.unwrap_or(Value::new(0.0, 1.0));
+        let has_sites = biases.iter().all(|(_, b)| b.frame_site_variance.is_some());
         let at_least = |v: Value, null: f64| Value::new(v.value, v.std_error.max(null));
         Some(Self {
             read_noise: parts(&|b| b.read_noise_variance)?,
             rows: parts(&|b| at_least(b.row_variance, b.row_variance_null))?,
+            sites: if has_sites { parts(&of_sites) } else { None },
             column_pattern: parts(&|b| at_least(b.pattern.columns, b.pattern.line_nulls[0]))?,
             row_pattern: parts(&|b| at_least(b.pattern.rows, b.pattern.line_nulls[1]))?,
             pixel_pattern: parts(&|b| b.pattern.pixels)?,
@@ -49,6 +58,11 @@ impl BehindGain {
 }
 
 impl Parts {
+    /// Whether all of it lies behind the gain, as far as the captures show.
+    pub fn is_behind(&self) -> bool {
+        self.behind.z() > CERTAIN && self.before.z() < MAX_CHANCE
+    }
+
     /// The weighted line through variances over the square of the gain.
     fn of(points: &[(f64, Value)]) -> Option<Self> {
         let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);

@@ -2,8 +2,8 @@
 //! part of the next one's, the more the longer its way to the output.
 //!
 //! Of l of a pixel's charge that comes with the next pixel, their correlation in the noise of light
-//! is ρ = l (1 − l)/(1 − 2 l (1 − l)), and l grows by ε from pixel to pixel: the slope of l over
-//! columns, or rows. Coupling of neighbours is the same everywhere and has no slope. Noise of rows
+//! is ρ = l (1 − l)/(1 − 2 l (1 − l)). A packet that is transferred n times leaves l = 1 − (1 − ε)ⁿ
+//! behind, so that −ln (1 − l) grows by ε from pixel to pixel: its slope over columns, or rows. Coupling of neighbours is the same everywhere and has no slope. Noise of rows
 //! and light that flickers are taken off as the mean of each row.
 
 use super::robust::mad_sd;
@@ -65,7 +65,7 @@ pub(crate) fn inefficiency(
     [0, 1].map(|axis| slope(&sums[axis], read_variance).map(|s| s.scaled(1.0 / per_part[axis])))
 }
 
-/// The slope of l over parts, its error that of products of independent noise.
+/// The slope of −ln (1 − l) over parts, its error that of products of independent noise.
 fn slope(sums: &[Sums], read_variance: f64) -> Option<Value> {
     let mut points = Vec::with_capacity(sums.len());
     for (i, s) in sums.iter().enumerate() {
@@ -76,12 +76,13 @@ fn slope(sums: &[Sums], read_variance: f64) -> Option<Value> {
         let correlation = s.products / shot;
         let both = (correlation / (1.0 + 2.0 * correlation)).clamp(-0.25, 0.25);
         let l = 0.5 * (1.0 - (1.0 - 4.0 * both).max(0.0).sqrt());
-        points.push((i as f64, l, (shot / s.squares).powi(2) * s.count));
+        let error = s.squares / shot / ((1.0 - 2.0 * l).max(0.1) * (1.0 - l)) / s.count.sqrt();
+        points.push((i as f64, -libm::log(1.0 - l), error.powi(-2)));
     }
     let weight: f64 = points.iter().map(|p| p.2).sum();
     let centre = points.iter().map(|p| p.2 * p.0).sum::<f64>() / weight;
-    let (num, den) = points.iter().fold((0.0, 0.0), |(num, den), (at, l, w)| {
-        (num + w * (at - centre) * l, den + w * (at - centre).powi(2))
+    let (num, den) = points.iter().fold((0.0, 0.0), |(num, den), (at, t, w)| {
+        (num + w * (at - centre) * t, den + w * (at - centre).powi(2))
     });
     (den > 0.0).then(|| Value::new(num / den, 1.0 / den.sqrt()))
 }

@@ -10,6 +10,7 @@ use camrig_estimates::Estimates;
 use camrig_estimates::areas::Area;
 use camrig_estimates::dark::variance_of_mean;
 use camrig_estimates::flat::Flat;
+use camrig_estimates::gains::Parts;
 use camrig_fourier::sinc;
 use std::f64::consts::SQRT_2;
 
@@ -185,6 +186,12 @@ pub(super) fn all(data: &Estimates, model: &Estimates) -> Vec<Test> {
     tests
 }
 
+/// Of what a sensor does not have.
+const NONE: Parts = Parts {
+    before: Value { value: 0.0, std_error: 1.0 },
+    behind: Value { value: 0.0, std_error: 1.0 },
+};
+
 /// Noise and patterns that do not grow with the gain.
 fn of_gains(data: &Estimates, model: &Estimates) -> Test {
     let Some((d, m)) = data.behind_gain.zip(model.behind_gain) else {
@@ -194,6 +201,7 @@ fn of_gains(data: &Estimates, model: &Estimates) -> Test {
     let all = [
         ("read_noise_behind", d.read_noise, m.read_noise),
         ("row_noise_behind", d.rows, m.rows),
+        ("site_offsets_behind", d.sites.unwrap_or(NONE), m.sites.unwrap_or(NONE)),
         ("column_pattern_behind", d.column_pattern, m.column_pattern),
         ("row_pattern_behind", d.row_pattern, m.row_pattern),
         ("pixel_pattern_behind", d.pixel_pattern, m.pixel_pattern),
@@ -701,6 +709,16 @@ pub(super) fn proposal(
         let sigma = Value::new(value, d.std_error / unit[0].powi(2)).sqrt()?;
         Proposal::of(test.effect, strength, [(key, sigma)])
     };
+    // The same of noise that may lie behind the gain.
+    let sigma_of_place = |d: Value, m: Value, parts: Option<Parts>| {
+        let law = sigma("sigma_e", d, m, [gain, gain_of_model])?;
+        if !parts.is_some_and(|p| p.is_behind()) {
+            return Some(law);
+        }
+        let at_unity = law.parameters.first()?.1.scaled(given.analog_gain);
+        let place = [("sigma_e", at_unity), ("gain_exponent", Value::chosen(-1.0))];
+        Proposal::of(test.effect, strength, place)
+    };
     let per_e = [gain, gain_of_model];
     let (d, m) = (&data.bias, &model.bias);
     match test.effect {
@@ -720,9 +738,13 @@ pub(super) fn proposal(
             Proposal::of("read-noise", strength, law)
         }
         "frame-offset-by-site" => {
-            sigma("sigma_e", d.frame_site_variance?, m.frame_site_variance?, per_e)
+            let parts = data.behind_gain.and_then(|b| b.sites);
+            sigma_of_place(d.frame_site_variance?, m.frame_site_variance?, parts)
         }
-        "row-temporal-noise" => sigma("sigma_e", d.row_variance, m.row_variance, per_e),
+        "row-temporal-noise" => {
+            let parts = data.behind_gain.map(|b| b.rows);
+            sigma_of_place(d.row_variance, m.row_variance, parts)
+        }
         "column-temporal-noise" => sigma("sigma_e", d.column_variance, m.column_variance, per_e),
         "pixel-offset-fpn" => sigma("sigma_e", d.pattern.pixels, m.pattern.pixels, per_e),
         "column-offset-fpn" => sigma("sigma_e", d.pattern.columns, m.pattern.columns, per_e),
