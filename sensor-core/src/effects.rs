@@ -266,6 +266,7 @@ catalogue! {
     58 => defective_areas::DefectiveAreas if "defective-areas",
     59 => charge_transfer_inefficiency::ChargeTransferInefficiency if "charge-transfer-inefficiency",
     60 => persistence::Persistence if "persistence",
+    61 => requantised::Requantised if "requantised",
 }
 
 impl Effect {

@@ -18,7 +18,7 @@ in_both_arithmetics! {
     readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
     prnu_low_frequency prnu_correlated black_level_offset gain_stage gain_table green_imbalance pdaf_pattern
     colour_shading
-    relative_illumination fringing adc_nonlinearity defective_pixels hot_pixels column_offset_fpn
+    relative_illumination fringing adc_nonlinearity requantised defective_pixels hot_pixels column_offset_fpn
     light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
     system_gain quantum_efficiency stuck_pixels defective_columns defective_areas
     a_converter_that_truncates_is_half_a_code_low
@@ -480,6 +480,37 @@ fn adc_nonlinearity<A: Arith>() {
         3 => 24,
         _ => 32,
     });
+}
+
+/// A ramp over four ranges: the codes that are left are those of each range, and the code nearest to
+/// a level, so that each is as wide as its step; noise gets s²/12 more.
+fn requantised<A: Arith>() {
+    let effect = requantised::Requantised::from_values(&[1.0, 40.0, 2.0, 101.0, 5.0, 180.0, 16.0]);
+    let mut config = monochrome(256 * 32, 1, &[effect.into()]);
+    (config.bits, config.full_well_e, config.black_level_dn) = (8, 255.0, 0.0);
+    let ramp = |x: u32, _| (x as f32 + 0.5) / 32.0 - 0.5;
+    let dn = frame::<A>(&config, &SETTINGS, &mut Means(ramp));
+    let range = |code: u16| match code {
+        0..40 => (0, 1),
+        40..101 => (40, 2),
+        101..180 => (101, 5),
+        _ => (180, 16),
+    };
+    for (x, &found) in dn.iter().enumerate() {
+        let code = (x / 32) as u16;
+        let (from, step) = range(code);
+        let nearest = (from + (code - from + step / 2) / step * step).min(255);
+        // The ramp's levels next to a change of code may round to either.
+        if x % 32 > 0 && x % 32 < 31 {
+            assert_eq!(found, nearest, "{code}");
+        }
+    }
+    let step = 64.0f64;
+    let effect = requantised::Requantised::from_values(&[step as f32]);
+    let read = read_noise::ReadNoise { read_e: (2.0 * step / DN_PER_E) as f32, read_e_post: 0.0 };
+    let noisy = flat::<A>(&monochrome(512, 256, &[read.into(), effect.into()]), &SETTINGS, 4000.0);
+    let expected = (4.0 + 1.0 / 12.0) * (step / DN_PER_E).powi(2);
+    near_variance("noise of more than a step", variance(&noisy), expected, noisy.len(), 0.0);
 }
 
 /// Codes occur as often as expected, but for rounding at their ends.

@@ -201,6 +201,16 @@ fn read(args: &Args, bytes: &[u8]) -> Result<Frames> {
     };
     let mut frames = frames.map_err(|e| e.at(args.input.display()))?;
     let facts = &mut frames.facts;
+    if let (Some(bits), Some(stored @ ..=8)) = (args.bits, facts.bits)
+        && bits > stored
+    {
+        return Err(Error::disagreement(format!("--bits {bits} of samples of {stored} bits"))
+            .at(args.input.display())
+            .help(
+                "where two bytes are a sample, as in Picamera2's capture_array(\"raw\"), save \
+                 words: array.view(numpy.uint16)",
+            ));
+    }
     facts.bits = args.bits.or(facts.bits);
     facts.black_level_dn = args.black.or(facts.black_level_dn);
     facts.white_level_dn = args.white.or(facts.white_level_dn);

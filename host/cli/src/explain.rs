@@ -27,11 +27,12 @@ pub struct Args {
 
 /// Runs `camrig explain`.
 pub fn run(args: &Args) -> Result<ExitCode> {
-    if let Some(name) = args.key.as_ref().filter(|name| presets::names().contains(&&name[..])) {
+    let key = args.key.as_ref().map(|key| key.to_ascii_lowercase());
+    if let Some(name) = key.as_ref().filter(|name| presets::names().contains(&&name[..])) {
         explain_preset(name, args.json)?;
         return Ok(ExitCode::SUCCESS);
     }
-    let (keys, kinds) = match &args.key {
+    let (keys, kinds) = match &key {
         None => (Key::all().iter().collect(), EffectKind::all().collect()),
         Some(name) => find(name)?,
     };

@@ -25,7 +25,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.name {
         Some(name) => {
-            let text = presets::file(&format!("{name}.toml")).or_else(|| presets::file(name));
+            let lower = name.to_ascii_lowercase();
+            let text = presets::file(&format!("{lower}.toml")).or_else(|| presets::file(name));
             print!("{}", text.ok_or_else(|| presets::unknown("preset", name))?);
         }
         None if args.markdown => print!("{}", page()?),

@@ -29,6 +29,9 @@ impl Cfa {
     /// # Errors
     /// Rows of different lengths, sides other than 1 to 6 or 8, and other letters.
     pub fn parse(text: &str) -> Result<Self> {
+        // Other words of four letters might be meant otherwise.
+        let bayer = ["RGGB", "GRBG", "GBRG", "BGGR"].into_iter();
+        let text = bayer.chain(["mono"]).find(|b| b.eq_ignore_ascii_case(text)).unwrap_or(text);
         let rows: Vec<&str> = match text {
             "mono" => vec!["M"],
             four if four.len() == 4 && four.chars().all(|c| FILTERS.contains(c)) => {
@@ -43,7 +46,7 @@ impl Cfa {
             || !allowed.contains(&width)
             || !allowed.contains(&height)
             || !letters.iter().all(|c| c.is_ascii_uppercase())
-            // A word: MONO, BAYER.
+            // A word: TRUE, BAYER.
             || matches!((width, height), (4 | 5, 1))
         {
             return Err(Error::input(format!("colour filter pattern {text:?}")).help(
@@ -112,7 +115,10 @@ mod tests {
             assert_eq!(cfa, Cfa::parse(rows).unwrap());
             assert_eq!((cfa.width, cfa.height, cfa.to_string()), (2, 2, text.to_string()));
         }
-        for word in ["rccc", "RÄG", "MONO", "TRUE", "GREY", "BAYER", "ABCDEFG/ABCDEFG"] {
+        for (text, named) in [("rggb", "RGGB"), ("Bggr", "BGGR"), ("MONO", "mono")] {
+            assert_eq!(Cfa::parse(text).unwrap(), Cfa::parse(named).unwrap());
+        }
+        for word in ["rccc", "RÄG", "TRUE", "GREY", "BAYER", "ABCDEFG/ABCDEFG"] {
             assert!(Cfa::parse(word).is_err(), "{word}");
         }
     }

@@ -128,7 +128,7 @@ pub fn text(name: &str) -> &'static str {
 /// # Errors
 /// Unknown names and keys, values that make no stack.
 pub fn load(spec: &str) -> Result<Vec<Shot>> {
-    if let Some((_, text)) = BUILT_IN.iter().find(|(name, _)| *name == spec) {
+    if let Some((_, text)) = BUILT_IN.iter().find(|(name, _)| name.eq_ignore_ascii_case(spec)) {
         return parse(text);
     }
     if !spec.contains(['/', '\\', '.']) {

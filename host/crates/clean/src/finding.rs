@@ -36,6 +36,9 @@ pub struct Finding {
     /// Standard error of `amount`.
     #[serde(default)]
     pub std_error: Option<f64>,
+    /// Steps of requantised codes: where each begins and its size, DN.
+    #[serde(default)]
+    pub steps: Vec<[u16; 2]>,
     /// Unit of `amount`.
     pub unit: String,
     /// Ids of the captures, separated by commas.
@@ -149,6 +152,7 @@ impl Finding {
             pixels: Vec::new(),
             rate: None,
             std_error: None,
+            steps: Vec::new(),
             unit: String::new(),
             place: place.into(),
         }

@@ -1,5 +1,6 @@
 //! The diagnosis from a capture set to its report.
 
+use crate::candidates::proposal::{MIN_STRENGTH, Proposal};
 use crate::data::codes;
 use crate::data::design::{self, Design, Halves};
 use crate::explanation::explain;
@@ -11,7 +12,7 @@ use crate::search::evaluation::{Evaluation, RUNS};
 use crate::search::{Known, Outcome};
 use crate::verdict;
 use crate::verdict::improved::{self, ImprovedFile};
-use camrig_base::{Bands, Result};
+use camrig_base::{Bands, Result, Value};
 use camrig_camera::Camera;
 use camrig_captures::CaptureSet;
 use camrig_clean::{Cleaned, Finding};
@@ -42,7 +43,8 @@ pub fn diagnose(camera: &Camera, set: CaptureSet, options: &Options<'_>) -> Resu
         true => None,
         false => Names::of(&camera, &cleaned, &measured)?,
     };
-    let seeds = names.as_ref().map_or_else(|| Ok(Vec::new()), |n| n.proposals(&camera))?;
+    let mut seeds = names.as_ref().map_or_else(|| Ok(Vec::new()), |n| n.proposals(&camera))?;
+    seeds.extend(measured.findings.iter().filter_map(|f| requantised(&camera, f)));
     let known = Known { seeds: &seeds, without: &options.without };
     let (measured, outcome) = explain(&measured, &camera, &known, &trying)?;
     let evidence = names.map_or_else(|| Ok(Vec::new()), |n| n.judge(&outcome))?;
@@ -83,6 +85,30 @@ impl Diagnosis {
             !self.outcome.confounded.is_empty() || !self.outcome.after.unexplained.is_empty();
         open.then(|| verdict::next_plan(&self.outcome))
     }
+}
+
+/// The effect of codes that were quantised again, where the camera has none; their table is what
+/// the codes in use are.
+fn requantised(camera: &Camera, finding: &Finding) -> Option<Proposal> {
+    const KEYS: [[&str; 2]; 5] = [
+        ["", "step_0_dn"],
+        ["from_1_dn", "step_1_dn"],
+        ["from_2_dn", "step_2_dn"],
+        ["from_3_dn", "step_3_dn"],
+        ["from_4_dn", "step_4_dn"],
+    ];
+    const KIND: &str = "requantised";
+    if finding.steps.is_empty() || camera.effects.iter().any(|e| e.entry().kind == KIND) {
+        return None;
+    }
+    let pairs = KEYS.into_iter().zip(&finding.steps);
+    let values = pairs.flat_map(|(keys, words)| keys.into_iter().zip(words));
+    let values = values.filter(|(key, _)| !key.is_empty());
+    let parameters: Vec<(&'static str, Value)> =
+        values.map(|(key, &word)| (key, Value::new(word.into(), 0.0))).collect();
+    // A code that none of many samples has is no matter of chance.
+    let certain = 2.0 * MIN_STRENGTH;
+    Proposal::of(KIND, certain, parameters).map(|p| Proposal { by_evidence: true, ..p })
 }
 
 /// Cleans, divides and measures a set. Returns also the camera in the digital numbers of the
@@ -152,6 +178,24 @@ mod tests {
     use crate::report::{Amount, Evidence};
     use serde_json::Value as Json;
     use std::collections::BTreeSet;
+
+    /// The table that codes in use are becomes the effect's, unless the camera has one.
+    #[test]
+    fn requantised_codes_give_the_model_their_table() {
+        let mut finding =
+            Finding::new(camrig_clean::Kind::Requantised, "all", camrig_clean::Done::Reported);
+        finding.steps = vec![[0, 1], [952, 2], [2416, 8]];
+        let mut camera = camera();
+        let found = requantised(&camera, &finding).unwrap();
+        let values: Vec<(&str, f64)> =
+            found.parameters.iter().map(|(key, v)| (*key, v.value)).collect();
+        let table = [("step_0_dn", 1.0), ("from_1_dn", 952.0), ("step_1_dn", 2.0)];
+        assert_eq!(values[..3], table);
+        assert_eq!(values[3..], [("from_2_dn", 2416.0), ("step_2_dn", 8.0)]);
+        let [camrig_camera::AnyEffect::Sensor(effect)] = found.effects[..] else { panic!() };
+        camera.effects.push(effect);
+        assert!(requantised(&camera, &finding).is_none());
+    }
 
     const CAMERA: &str = r#"
 name = "like an ASI120"
