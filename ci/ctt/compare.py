@@ -62,7 +62,7 @@ def main(camera_path, tuning_path, chart_path, patches_path):
     with open(patches_path) as file:
         measured = json.load(file)
     order = [measured["channels"].index(c) for c in "rgb"]
-    camera = np.array([[p["mean_dn"][c] for c in order] for p in measured["patches"]]) / neutral
+    camera = np.array([[p["mean_dn"][c]["value"] for c in order] for p in measured["patches"]]) / neutral
     camera /= camera[18].max()
     differences = [np.linalg.norm(lab(ours @ rgb) - lab(theirs @ rgb)) for rgb in camera]
     print(f"{'colour matrix, dE76 on 24 patches':34} mean {np.mean(differences):.2f}, max {np.max(differences):.2f}")

@@ -137,7 +137,8 @@ impl NewArgs {
         let stem =
             self.output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
         let name = self.name.clone().unwrap_or(stem);
-        Request { name, like: self.like.clone(), given, efficiency }
+        let like = self.like.as_ref().map(|like| like.to_ascii_lowercase());
+        Request { name, like, given, efficiency }
     }
 }
 

@@ -33,7 +33,7 @@ fn each_place_of_the_pattern_has_its_own() {
     let json: serde_json::Value = serde_json::from_slice(&found.stdout).unwrap();
     for patch in json["patches"].as_array().unwrap() {
         let means = patch["mean_dn"].as_array().unwrap();
-        assert!(means.len() == 3 && means.iter().all(|m| m == 20.0), "{patch}");
+        assert!(means.len() == 3 && means.iter().all(|m| m["value"] == 20.0), "{patch}");
     }
     let words = |arguments: &str| {
         String::from_utf8_lossy(&camrig(folder.path(), arguments).stderr).into_owned()

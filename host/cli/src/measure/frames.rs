@@ -9,7 +9,7 @@ use camrig_measure::contrast::{self, Samples, Wanted};
 use camrig_measure::mtf::Roi;
 use camrig_measure::patches::{self, Corners, built_in_corners};
 use camrig_measure::profile::{self, Along, RINGS};
-use camrig_measure::{even, figure};
+use camrig_measure::{Value, even, figure};
 use clap::Args as ClapArgs;
 use serde_json::{Map, json};
 use std::path::{Path, PathBuf};
@@ -302,6 +302,24 @@ pub struct ProfileArgs {
     json: bool,
 }
 
+/// A patch with its figures; standard errors are those of Gaussian noise.
+fn patch_json(p: &patches::Patch) -> serde_json::Value {
+    let n = p.samples as f64;
+    let mean = |(m, s): (&f64, &f64)| Value::new(*m, s / n.sqrt());
+    let spread = |s: &f64| Value::new(*s, s / (2.0 * (n - 1.0)).sqrt());
+    json!({
+        "number": p.number,
+        "centre": p.centre,
+        "samples": p.samples,
+        "at_zero": p.at_zero,
+        "mean_dn": p.mean_dn.iter().zip(&p.std_dn).map(mean).collect::<Vec<_>>(),
+        "std_dn": p.std_dn.iter().map(spread).collect::<Vec<_>>(),
+        "luminance_dn": mean((&p.luminance_dn, &p.luminance_std_dn)),
+        "luminance_std_dn": Value::new(p.luminance_std_dn, p.luminance_std_error_dn),
+        "luminance_excess_kurtosis": p.luminance_excess_kurtosis,
+    })
+}
+
 pub fn patches_of(args: &PatchesArgs) -> Result<ExitCode> {
     let frame = args.source.open()?;
     let plane = &frame.plane;
@@ -311,7 +329,9 @@ pub fn patches_of(args: &PatchesArgs) -> Result<ExitCode> {
         .map_err(|e| e.at(args.source.frame.display()))?;
     patches::cut_off(&patches).iter().for_each(|note| eprintln!("note: {note}"));
     if args.json {
-        println!("{}", json!({ "channels": names(&frame.cfa), "patches": patches }));
+        let patches: Vec<_> = patches.iter().map(patch_json).collect();
+        let all = json!({ "channels": names(&frame.cfa), "patches": patches });
+        println!("{}", serde_json::Value::Object(figure::object(&all)?));
         return Ok(ExitCode::SUCCESS);
     }
     println!("patch  luminance DN  std DN  (channels {})", names(&frame.cfa).join(" "));

@@ -503,6 +503,7 @@ fn find<T: Copy + Into<f64>>(
     let step = step(&rows);
     let line = EdgeLine::find(&rows, step)?;
     check_sides(&rows, &line)?;
+    fill_tails(&mut rows, &line);
     Ok(Found { rows, step, line, near_rows })
 }
 
@@ -607,6 +608,39 @@ fn check_sides(rows: &Rows, line: &EdgeLine) -> Result<()> {
     match even.len() {
         1 => Err(even.remove(0)),
         _ => Ok(()),
+    }
+}
+
+/// Replaces samples of the last DN of each side of an edge without noise. A code leaves half a DN
+/// open on both sides, in which a whole tail may lie: of a level L at the border of two codes, the
+/// first change of codes is far out in the tail, and the step looks a DN too high. The blurred step
+/// of height H that fits best says where in its code the level is, L = c + 1/2 − H Φ(u) with the
+/// first change of codes from c on at u blurs, and where in theirs the samples are.
+fn fill_tails(rows: &mut Rows, line: &EdgeLine) {
+    let sides = far_sides(rows, line, Spread::reach(rows, line));
+    let codes = rows.iter().flatten().all(|s| s.value.fract() == 0.0);
+    if !codes || sides.iter().any(|side| side.variance >= QUANTISATION_LIMITED) {
+        return;
+    }
+    let to_bright = if line.rises { 1.0 } else { -1.0 };
+    let blurs = |s: &Sample| {
+        let across = (s.across - line.at(s.along)) / libm::hypot(line.slope(s.along), 1.0);
+        to_bright * across / line.blur
+    };
+    let risen = |u: f64| 0.5 * libm::erfc(-u * std::f64::consts::FRAC_1_SQRT_2);
+    let samples = || rows.iter().flatten();
+    let dark = samples().map(|s| s.value).fold(f64::INFINITY, f64::min);
+    let bright = samples().map(|s| s.value).fold(f64::NEG_INFINITY, f64::max);
+    let first = samples().filter(|s| s.value > dark).map(blurs).fold(f64::INFINITY, f64::min);
+    let last = samples().filter(|s| s.value < bright).map(blurs).fold(f64::NEG_INFINITY, f64::max);
+    let height = bright - dark;
+    let low = (dark + 0.5 - height * risen(first)).max(dark - 0.5);
+    let high = (bright - 0.5 + height * risen(-last)).min(bright + 0.5);
+    for s in rows.iter_mut().flatten() {
+        let expected = low + (high - low) * risen(blurs(s));
+        if expected - low < 1.0 || high - expected < 1.0 {
+            s.value = expected.clamp(s.value - 0.5, s.value + 0.5);
+        }
     }
 }
 

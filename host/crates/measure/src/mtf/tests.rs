@@ -420,6 +420,23 @@ fn an_edge_without_noise_is_measured() {
     assert!((error / (1.0 / 204.0 / 4.56) - 1.0).abs() < 0.05, "{error}");
 }
 
+/// Eight bits without noise, with levels anywhere in their codes: the closed form within the error
+/// of rounding. At the border of two codes the step looks a DN too high, and its ends too far out.
+#[test]
+fn levels_between_two_codes_do_not_move_the_response() {
+    let expected = of_blur(1.2, 5.0);
+    let clean = through(80, 80, 5.0, 0.0, |f| gauss(1.2, f));
+    for (low, high) in [(25.499_99, 229.500_01), (25.4999, 229.5001), (25.0, 230.0), (25.3, 229.8)]
+    {
+        let codes = clean.iter().map(|v| low + (high - low) * (v - 400.0) / 3200.0);
+        let image = frame(80, 80, &codes.collect::<Vec<_>>());
+        let found = measure(&image, &mono(), 'M', whole(&image), None, None).unwrap();
+        let Value { value, std_error } = found.mtf50_cycles_per_pixel;
+        assert!((value - expected).abs() < 0.5 * std_error, "{low}: {value} {expected}");
+        assert!(std_error < 0.0015, "{std_error}");
+    }
+}
+
 /// Each frame is held against its own white level.
 #[test]
 fn frames_have_white_levels_of_their_own() {
