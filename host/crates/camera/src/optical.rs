@@ -72,8 +72,8 @@ pub enum Change {
     },
     /// The stop of the lens is another one.
     FNumber {
-        /// The f-number over that of `[lens]`.
-        ratio: f64,
+        /// Light over that at the f-number of `[lens]`, the inverse square of their ratio.
+        light: f64,
     },
     /// Scattered light lies over the whole image.
     VeilingGlare {
@@ -191,18 +191,18 @@ impl OpticalEffect {
             kind: "f-number",
             doc: "Another f-number: the stop of the lens is not the one that [lens] says, as after \
                   one click of the aperture ring.\n\n\
-                  N = ratio·N₀, with all that depends on it: irradiance 1/N², the Airy disc \
-                  (Goodman 2005, section 6.2), the depth of focus. Of a lens of kind \
+                  N = N₀/√light, with all that depends on it: irradiance 1/N², the Airy disc \
+                  (Goodman 2005, section 6.2), the depth of focus; one stop is light = 0.5. Of a lens of kind \
                   \"diffraction-limited\"; others have figures for their own stop.\n\n\
-                  Closed form: electrons over ratio², cutoff of the MTF over ratio.",
+                  Closed form: electrons times light, cutoff of the MTF times its root.",
             parameters: &[parameter(
-                "ratio",
+                "light",
                 "1",
-                "The f-number over that of [lens]",
-                (0.25, 4.0),
+                "Light over that at the f-number of [lens], (N₀/N)²",
+                (0.06, 16.0),
                 None,
             )],
-            change: |v| Change::FNumber { ratio: v[0] },
+            change: |v| Change::FNumber { light: v[0] },
         },
         OpticalEntry {
             kind: "veiling-glare",

@@ -248,7 +248,7 @@ mod tests {
         assert!((less / light - 0.5).abs() < 1e-12 && lower < 0.9 * mtf, "{lower} of {mtf}");
 
         // Another stop is a lens of that f-number; only one of given figures has another.
-        camera.optical_effects = vec![effect("f-number", &[2.0])];
+        camera.optical_effects = vec![effect("f-number", &[0.25])];
         let (less, lower) = steradians_and_mtf(&camera);
         let mut stopped = Camera::load("mt9t012").unwrap();
         let LensKind::DiffractionLimited { f_number, .. } = &mut stopped.lens.kind else {

@@ -69,8 +69,8 @@ impl Optics {
                 let transmittance = &mut self.departures.transmittance;
                 *transmittance = transmittance.times(&Spectrum::new(nm, factors)?)?;
             }
-            Change::FNumber { ratio } => {
-                self.ln_f_number += libm::log(ratio);
+            Change::FNumber { light } => {
+                self.ln_f_number -= 0.5 * libm::log(light);
             }
             Change::VeilingGlare { fraction } => {
                 let glare = &mut self.departures.veiling_glare;

@@ -50,7 +50,7 @@ const KINDS: [(&str, &[Free]); 10] = [
     ("lateral-colour", &[free("blue_px", 0.0, 0.3), free("red_px", 0.0, 0.3)]),
     ("decentre-tilt", &[free("x_px", 0.0, 4.0), free("y_px", 0.0, 4.0)]),
     ("lens-transmittance", &[free("factor", 1.0, -0.02), free("slope", 0.0, 0.01)]),
-    ("f-number", &[free("ratio", 1.0, 0.02)]),
+    ("f-number", &[free("light", 1.0, -0.05)]),
     ("veiling-glare", &[free("fraction", 0.0, 0.01)]),
     ("relative-illumination", &[free("corner", 0.0, 0.02)]),
     (
