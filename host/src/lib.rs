@@ -18,6 +18,7 @@
 //! | [`estimates`] | dark and flat frames | gain, noise, dark current, each with its own error |
 //! | [`statistics`] | stacks of frames | figures that a diagnosis compares, with deviations |
 //! | [`measure`], [`calibrate`] | capture sets | EMVA 1288 figures, MTF; radiance, spectra |
+//! | [`fit`] | dark and flat captures | a camera file, each value with its error |
 //! | [`diagnose`] | a camera and capture sets | effects that it lacks, other shapes |
 //! | [`validate`] | a camera and capture sets | both compared |
 //! | [`formats`], [`output`] | raw frames | DNG, TIFF, FITS, NPY, packed rows |
@@ -71,6 +72,7 @@ pub use camrig_clean as clean;
 pub use camrig_diagnose as diagnose;
 pub use camrig_estimates as estimates;
 pub use camrig_exposure as exposure;
+pub use camrig_fit as fit;
 pub use camrig_formats as formats;
 pub use camrig_glass as glass;
 pub use camrig_lens as lens;

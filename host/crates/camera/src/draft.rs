@@ -6,7 +6,7 @@
 
 use super::facts::{Fact, Sensor};
 use super::keys::{self, Key};
-use super::typical::{self, GREEN_OVER_MONO, Known, rounded};
+use super::typical::{self, GREEN_OVER_MONO, rounded};
 use super::{Camera, Change, Folder, Value, builtin, efficiency};
 use camrig_base::{Error, ErrorCode, Result, mistakes, toml_text};
 use std::path::Path;
@@ -63,18 +63,34 @@ pub struct Basis {
     pub second_hand: bool,
     /// Title and address; empty where there is none.
     pub source: String,
-    /// Mode and condition, how the value was derived, or the reason of a rule.
+    /// Mode and condition, how the value was derived, or the reason of a rule; of a value with a
+    /// standard error, what it was measured on.
     pub note: String,
+    /// Standard error of what was measured by whoever made the file.
+    pub std_error: Option<f64>,
 }
 
 impl Basis {
+    /// That of a value measured on some frames, such as `64 frames, gain 1`.
+    #[must_use]
+    pub fn measured(std_error: f64, frames: &str) -> Self {
+        Self { std_error: Some(std_error), ..Self::plain(Grade::Measured, frames) }
+    }
+
+    /// That of a value that nothing is known about, with the reason for it.
+    #[must_use]
+    pub fn typical(reason: &str) -> Self {
+        Self::plain(Grade::Typical, reason)
+    }
+
     fn of(fact: &Fact) -> Self {
         let known = fact.via != "none";
         let source = if known { fact.source.clone() } else { String::new() };
         let note = [&fact.mode, &fact.condition];
         let note: Vec<&str> = note.into_iter().map(|s| &s[..]).filter(|s| !s.is_empty()).collect();
         let second_hand = fact.via == "second-hand";
-        Self { grade: Grade::of(&fact.grade), second_hand, source, note: note.join("; ") }
+        let (grade, note) = (Grade::of(&fact.grade), note.join("; "));
+        Self { grade, second_hand, source, note, std_error: None }
     }
 
     /// That of a value which follows from a fact: what is derived from a typical one is typical.
@@ -87,7 +103,8 @@ impl Basis {
     }
 
     fn plain(grade: Grade, note: &str) -> Self {
-        Self { grade, second_hand: false, source: String::new(), note: note.to_string() }
+        let (source, note) = (String::new(), note.to_string());
+        Self { grade, second_hand: false, source, note, std_error: None }
     }
 }
 
@@ -111,8 +128,26 @@ pub struct Draft {
     pub about: String,
     /// Keys in the order of a camera file.
     pub entries: Vec<Entry>,
+    /// Parameters of effects and columns of `[sensor.gains]`, by their paths.
+    pub more: Vec<Known>,
     /// Tables that were made for it: name and text.
     pub made: Vec<(String, String)>,
+}
+
+/// A value with what is behind it, for a draft.
+#[derive(Clone, Debug)]
+pub struct Known {
+    /// The key, `effect.KIND.KEY` or `sensor.gains.KEY`, and its value.
+    pub change: Change,
+    /// What is behind it.
+    pub basis: Basis,
+}
+
+impl Known {
+    /// Whether it is a key of the file outside its tables of effects and gains.
+    fn is_plain(&self) -> bool {
+        !["effect.", "sensor.gains."].iter().any(|table| self.change.key.starts_with(table))
+    }
 }
 
 /// What a camera file is to be made of.
@@ -124,6 +159,8 @@ pub struct Request {
     pub like: Option<String>,
     /// Keys with values.
     pub given: Vec<Change>,
+    /// Values with what is behind them, which hold where none is given.
+    pub known: Vec<Known>,
     /// Points of the quantum efficiency from a data sheet, as [`efficiency::Point`] reads them.
     pub efficiency: Vec<String>,
 }
@@ -178,7 +215,8 @@ impl Draft {
     /// All keys at once that are unknown, have values of another type or range, or are missing;
     /// points of the quantum efficiency that no curve goes through; an unknown built-in camera.
     pub fn of(request: &Request) -> Result<Self> {
-        let mut making = Making { given: &request.given, base: base(request)?, curve: None };
+        let Request { given, known, .. } = request;
+        let mut making = Making { given, known, base: base(request)?, curve: None };
         let points = checked(request, &making)?;
         let mut made = Vec::new();
         if !points.is_empty() {
@@ -200,7 +238,8 @@ impl Draft {
             Some(Entry { key, value, basis })
         });
         let entries = entries.collect();
-        Ok(Self { about: making.about(), entries, made })
+        let more = known.iter().filter(|k| !k.is_plain()).cloned().collect();
+        Ok(Self { about: making.about(), entries, more, made })
     }
 
     /// Value and basis of a key by its path.
@@ -299,6 +338,7 @@ pub(crate) fn unknown(what: &str, name: &str) -> Error {
 /// A draft in the making: where values come from.
 struct Making<'a> {
     given: &'a [Change],
+    known: &'a [Known],
     base: Base,
     /// A table of the quantum efficiency that was made, and through how many points.
     curve: Option<(String, usize)>,
@@ -323,7 +363,7 @@ impl Making<'_> {
             if matches!(self.base, Base::File(..)) {
                 return None; // it is whole
             }
-            let (value, why) = typical::rule(path, &self.known())?;
+            let (value, why) = typical::rule(path, &self.facts())?;
             Some((value, Basis::plain(Grade::Typical, why)))
         })
     }
@@ -340,6 +380,10 @@ impl Making<'_> {
         if let ("sensor.qe", Some((name, points))) = (path, &self.curve) {
             let note = format!("a curve through {points} points; see the table");
             return Some((name.clone().into(), Basis::plain(Grade::Given, &note)));
+        }
+        let of_path = |known: &&Known| known.is_plain() && known.change.key == path;
+        if let Some(known) = self.known.iter().find(of_path) {
+            return Some((known.change.value.clone(), known.basis.clone()));
         }
         match &self.base {
             Base::None => None,
@@ -358,11 +402,11 @@ impl Making<'_> {
         cfa.is_some_and(|(cfa, _)| cfa.as_str() == Some("mono"))
     }
 
-    fn known(&self) -> Known {
+    fn facts(&self) -> typical::Known {
         let number = |path| self.number(path).unwrap_or_default();
         let dark = self.number("sensor.noise.dark_current_e_per_s");
         let at = self.number("sensor.noise.temperature_ref_c").unwrap_or(25.0);
-        Known {
+        typical::Known {
             size: (number("sensor.width"), number("sensor.height")),
             pitch_um: number("sensor.pitch_um"),
             bits: number("sensor.bits") as u32,
@@ -495,7 +539,8 @@ impl Making<'_> {
     fn post_of(&self, sensor: Sensor) -> Found {
         let mut noises = sensor.facts().iter().filter(|fact| fact.parameter == "read_noise");
         let (unity, raised) = (noises.next()?, noises.next()?);
-        if self.given("sensor.noise.read_e").is_some() {
+        let of_another = |known: &Known| known.change.key == "sensor.noise.read_e";
+        if self.given("sensor.noise.read_e").is_some() || self.known.iter().any(of_another) {
             return None;
         }
         let (a, b, gain) = (unity.number()?, raised.number()?, raised.gain()?);
@@ -553,6 +598,7 @@ mod tests {
             like: like.map(String::from),
             given: given.iter().map(|text| text.parse().unwrap()).collect(),
             efficiency: points.iter().map(|point| point.to_string()).collect(),
+            known: Vec::new(),
         }
     }
 
@@ -623,6 +669,43 @@ mod tests {
             camera.lens.kind,
             crate::LensKind::DiffractionLimited { f_number: 4.0, .. }
         ));
+    }
+
+    /// Measured values stand with their errors behind them, those of effects and gains in tables of
+    /// their own; a value that is given comes first.
+    #[test]
+    fn measured_values_stand_with_their_errors() {
+        let frames = "64 frames, gain 1";
+        let known = |key: &str, value: Value, error: f64| Known {
+            change: Change::new(key, value),
+            basis: Basis::measured(error, frames),
+        };
+        let request = Request {
+            known: vec![
+                known("sensor.noise.read_e", 2.5.into(), 0.01234),
+                known("sensor.noise.prnu", 0.007.into(), 0.0001),
+                known("sensor.gains.at", vec![1.0, 2.0].into(), 0.0),
+                known("sensor.gains.read_e", vec![2.5, 2.25].into(), 0.01),
+                known("effect.row-temporal-noise.sigma_e", 0.5.into(), 0.02),
+                known("effect.hot-pixels.fraction", 0.002.into(), 0.0004),
+                known("effect.hot-pixels.mean_e_per_s", 1500.0.into(), 200.0),
+            ],
+            ..request(Some("imx477"), &["sensor.noise.prnu=0.02"], &[])
+        };
+        let (draft, camera) = camera(&request);
+        let sensor = &camera.sensor;
+        assert_eq!((sensor.noise.read_e, sensor.noise.prnu), (2.5, 0.02));
+        assert_eq!(sensor.gains.as_ref().unwrap().read_e, Some(vec![2.5, 2.25]));
+        let kinds: Vec<&str> = camera.effects.iter().map(|e| e.entry().kind).collect();
+        assert_eq!(kinds, ["row-temporal-noise", "hot-pixels"]);
+        let text = draft.text();
+        for line in [
+            "read_e = 2.5                     # measured ± 0.012, 64 frames, gain 1",
+            "sigma_e = 0.5                    # measured ± 0.02, 64 frames, gain 1",
+            "prnu = 0.02                      # given",
+        ] {
+            assert!(text.contains(line), "{line}: {text}");
+        }
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! The text of a drafted camera file: a comment above each key, and behind the value what it is
 //! based on.
 
-use super::draft::{Draft, Entry};
+use super::draft::{Basis, Draft, Entry};
 use super::keys::Key;
+use super::typical::rounded;
 
 /// Columns of the text.
 const COLUMNS: usize = 100;
@@ -33,6 +34,25 @@ impl Draft {
             }
             text += &lines(entry, &sources);
         }
+        text + &self.tables_of_more()
+    }
+
+    /// `[sensor.gains]`, and a table for each effect.
+    fn tables_of_more(&self) -> String {
+        let mut text = String::new();
+        let mut table = "";
+        for known in &self.more {
+            let (of, key) = known.change.key.rsplit_once('.').unwrap_or_default();
+            if of != table {
+                table = of;
+                text += &match of.strip_prefix("effect.") {
+                    Some(kind) => format!("\n[[effect]]\nkind = \"{kind}\"\n"),
+                    None => format!("\n[{of}]\n"),
+                };
+            }
+            let value = format!("{key} = {}", known.change.value);
+            text += &format!("{value:32} # {}\n", behind(&known.basis));
+        }
         text
     }
 
@@ -59,10 +79,20 @@ fn lines(entry: &Entry, sources: &[&str]) -> String {
     let source = place.map_or(String::new(), |i| format!(" [{}]", i + 1));
     let second_hand = if basis.second_hand && place.is_some() { ", second-hand" } else { "" };
     let mut text = comment(&meaning(key));
-    if !basis.note.is_empty() {
+    if !basis.note.is_empty() && basis.std_error.is_none() {
         text += &comment(&format!("-> {}", basis.note));
     }
-    text + &format!("{value:32} # {}{second_hand}{source}\n", basis.grade.name())
+    text + &format!("{value:32} # {}{second_hand}{source}\n", behind(basis))
+}
+
+/// The words behind a value.
+fn behind(basis: &Basis) -> String {
+    match basis.std_error {
+        Some(error) => {
+            format!("{} ± {}, {}", basis.grade.name(), rounded(error, 2), basis.note)
+        }
+        None => basis.grade.name().to_string(),
+    }
 }
 
 /// What a key means, its unit and usual values.

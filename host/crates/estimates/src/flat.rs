@@ -6,6 +6,7 @@ use super::robust::{clip, jackknife, mad_sd, mean, median};
 use super::transfer::inefficiency;
 use super::{Sites, Stack};
 use camrig_base::Value;
+use camrig_base::tails::{median_of_squares, quantile_of_squares};
 use camrig_linear::{Matrix, inverse};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -23,6 +24,10 @@ const MIN_LIT: f64 = 0.5;
 /// from which it is fitted in any case.
 const MIN_POWER: f64 = 30.0;
 const MIN_ROWS: f64 = 0.02;
+/// Variance over the median's at which noisy pixels count, and the normal deviate of a variance that
+/// chance alone exceeds in one of a thousand million pixels.
+const NOISY: f64 = 6.0;
+const BY_CHANCE: f64 = 6.0;
 /// Half the side of the square whose mean is removed from gain maps, pixels.
 const REACH: usize = 4;
 
@@ -276,9 +281,11 @@ fn amplitudes(lines: &[&Vec<f64>], frequency: f64) -> (f64, f64) {
 struct SiteMaps {
     width: usize,
     level: Value,
-    /// Temporal variance over the level, for each pixel that is lit, and the mean level of these.
-    variance_ratio: Vec<f64>,
-    mean_level: f64,
+    /// Temporal variance of each pixel that is lit, DN², and the mean level of these.
+    variance: Vec<f64>,
+    lit_level: f64,
+    /// Frames less the one that their mean takes.
+    dof: f64,
     /// Rows that depart from those around them, with their gain relative to these.
     defective_rows: Vec<(usize, f64)>,
     /// Relative gain less 1, of even and of odd frames.
@@ -322,18 +329,14 @@ impl SiteMaps {
         let average: Vec<f64> =
             (0..gain.len()).map(|p| own.iter().map(|f| f[p]).sum::<f64>() / n).collect();
         let dof = (n - 1.0) * (columns as f64 - 1.0) / columns as f64;
-        let ratio = |p: usize| {
-            let squares: f64 = own
-                .iter()
-                .zip(&light)
-                .map(|(f, l)| (f[p] - l[p / columns] * gain[p]).powi(2))
-                .sum();
-            squares / dof / average[p].max(1.0)
+        let variance = |p: usize| {
+            let of = |(f, l): (&Vec<f64>, &Vec<f64>)| (f[p] - l[p / columns] * gain[p]).powi(2);
+            own.iter().zip(&light).map(of).sum::<f64>() / dof
         };
-        let limit = MIN_LIT * median(average.clone());
+        let limit = MIN_LIT * median(average.clone()) - BY_CHANCE * mad_sd(&average);
         let lit: Vec<usize> = (0..gain.len()).filter(|p| average[*p] >= limit).collect();
-        let variance_ratio = lit.iter().map(|p| ratio(*p)).collect();
-        let levels: Vec<f64> = lit.iter().map(|p| average[*p].max(1.0)).collect();
+        let variance = lit.iter().map(|p| variance(*p)).collect();
+        let levels: Vec<f64> = lit.iter().map(|p| average[*p]).collect();
         let frame_means: Vec<f64> =
             own.iter().map(|f| libm::log(mean(f).value.max(1.0))).collect();
         let mean_level = mean(&average).value;
@@ -357,19 +360,23 @@ impl SiteMaps {
                 value: mean_level,
                 std_error: mean_level * mean(&frame_means).std_error,
             },
-            variance_ratio,
-            mean_level: mean(&levels).value,
+            variance,
+            lit_level: mean(&levels).value,
+            dof: n - 1.0,
             defective_rows: rows.iter().map(|y| (*y, 1.0 + departures[*y])).collect(),
             gains: [relative(gain_of(|i| i % 2 == 0)), relative(gain_of(|i| i % 2 == 1))],
         }
     }
 
-    /// Noisy pixels count with six times the median at most.
+    /// Mean variance over mean level: a ratio for each pixel would be too large where noise is as
+    /// large as the level. Noisy pixels count with [`NOISY`] times the median, or what chance gives
+    /// the variance of so few frames, at most.
     fn gain(&self, read_variance: f64) -> Value {
-        let most = 6.0 * median(self.variance_ratio.clone());
-        let kept: Vec<f64> = self.variance_ratio.iter().map(|v| v.min(most)).collect();
+        let by_chance = quantile_of_squares(BY_CHANCE, self.dof) / median_of_squares(self.dof);
+        let most = by_chance.max(NOISY) * median(self.variance.clone());
+        let kept: Vec<f64> = self.variance.iter().map(|v| v.min(most)).collect();
         let Value { value, std_error } = mean(&kept);
-        Value { value: value - read_variance / self.mean_level, std_error }
+        Value::new(value - read_variance, std_error).scaled(1.0 / self.lit_level)
     }
 }
 

@@ -8,8 +8,7 @@
 use super::fit::Fit;
 use super::ladder::Selection;
 use super::ptc::{self, Ptc};
-use camrig_base::Result;
-use camrig_base::Value;
+use camrig_base::{Error, ErrorKind, Result, Value};
 use camrig_captures::CaptureSet;
 use serde::Serialize;
 
@@ -109,32 +108,55 @@ fn table(gains: &[AtGain]) -> Option<String> {
     ))
 }
 
-/// The figures with read noise at unity gain and from after the gain stage, by a weighted line of σ²
-/// over 1/g², where the gains lie on one.
-fn over(gains: Vec<AtGain>) -> Gains {
-    let variance = |at: &AtGain| {
-        let (g, s) = (at.analog_gain, at.read_noise_e?);
-        let variance = Value::new(s.value * s.value, 2.0 * s.value * s.std_error);
-        Some((vec![1.0, 1.0 / (g * g)], variance))
-    };
-    let variances: Vec<_> = gains.iter().filter_map(variance).collect();
-    let none = |gains, note| Gains { gains, read_e: None, read_e_post: None, note };
-    let Ok(fit) = Fit::new(&variances) else { return none(gains, None) };
+/// Read noise over the gains by its parts before and after the gain stage.
+#[derive(Clone, Copy, Debug)]
+pub struct ReadLaw {
+    /// Read noise at unity gain, e⁻; `None` where the fit has no positive variance, as below.
+    pub read_e: Option<Value>,
+    /// Read noise from after the gain stage, e⁻ at unity gain.
+    pub read_e_post: Option<Value>,
+}
+
+/// The law through the variances of the read noise, e⁻², each with its gain: a weighted line over
+/// 1/g².
+///
+/// # Errors
+/// Fewer than two gains; variances that do not lie on one line, by χ².
+pub fn read_law(variances: &[(f64, Value)]) -> Result<ReadLaw> {
+    let datum = |&(g, v): &(f64, Value)| (vec![1.0, 1.0 / (g * g)], v);
+    let fit = Fit::new(&variances.iter().map(datum).collect::<Vec<_>>())?;
     let freedom = fit.freedom as f64;
-    if fit.chi2 > freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt() {
-        let table = table(&gains).map_or(String::new(), |table| format!("; use\n{table}"));
-        let note = format!(
+    if fit.freedom > 0 && fit.chi2 > freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt() {
+        return Err(Error::disagreement(format!(
             "the read noise over the gains is no law of a part before and a part after the gain \
              stage (chi2 {:.0} of {} degrees of freedom), as with two conversion gains or a \
-             digital gain: no read_e and read_e_post over the gains{table}",
+             digital gain",
             fit.chi2, fit.freedom
-        );
-        return none(gains, Some(note));
+        )));
     }
     let at_one = fit.covariance(0, 0) + 2.0 * fit.covariance(0, 1) + fit.covariance(1, 1);
-    let unity = Value::new(fit.coefficients[0] + fit.coefficients[1], at_one.sqrt()).sqrt();
+    let unity = Value::new(fit.coefficients[0] + fit.coefficients[1], at_one.sqrt());
     let read_e_post = Value::new(fit.coefficients[1], fit.covariance(1, 1).sqrt()).sqrt();
-    Gains { gains, read_e: unity, read_e_post, note: None }
+    Ok(ReadLaw { read_e: unity.sqrt(), read_e_post })
+}
+
+/// The figures with read noise at unity gain and from after the gain stage, where the gains lie on
+/// one law.
+fn over(gains: Vec<AtGain>) -> Gains {
+    let variance = |at: &AtGain| {
+        let s = at.read_noise_e?;
+        Some((at.analog_gain, Value::new(s.value * s.value, 2.0 * s.value * s.std_error)))
+    };
+    let variances: Vec<_> = gains.iter().filter_map(variance).collect();
+    match read_law(&variances) {
+        Ok(law) => Gains { gains, read_e: law.read_e, read_e_post: law.read_e_post, note: None },
+        Err(error) => {
+            let misfit = error.kind() == ErrorKind::Disagreement;
+            let table = table(&gains).map_or(String::new(), |table| format!("; use\n{table}"));
+            let note = format!("{error}: no read_e and read_e_post over the gains{table}");
+            Gains { gains, read_e: None, read_e_post: None, note: misfit.then_some(note) }
+        }
+    }
 }
 
 #[cfg(test)]

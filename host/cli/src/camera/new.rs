@@ -1,24 +1,11 @@
 //! `camrig camera new`: writes a camera file from data-sheet figures or a built-in sensor.
 
-use camrig_base::output::OutputFile;
-use camrig_base::{Error, Result};
-use camrig_camera::draft::{Draft, Grade, Request};
-use camrig_camera::{Change, is_preset};
-use std::io::Write;
+use super::files;
+use camrig_base::Result;
+use camrig_camera::Change;
+use camrig_camera::draft::{Draft, Request};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-
-/// Make camera files
-#[derive(clap::Args, Debug)]
-pub struct Args {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(clap::Subcommand, Debug)]
-enum Command {
-    New(NewArgs),
-}
 
 /// Write a complete, commented camera file from data-sheet figures or a built-in sensor; unknown
 /// values get usual ones, marked typical
@@ -30,7 +17,7 @@ enum Command {
     camrig camera new --pixels 2464x2056 --pitch-um 3.45 --bits 12 --cfa mono \\\n    \
     --full-well-e 10400 --read-noise-e 2.1 --qe 450:0.56,529:0.64,650:0.5 -o mono.toml\n\n\
     `camrig presets` lists the built-in sensors, `camrig explain KEY` explains a key.")]
-struct NewArgs {
+pub struct NewArgs {
     /// Output; the tables that it refers to are written to the same folder
     #[arg(short, long, value_name = "FILE.toml")]
     output: PathBuf,
@@ -80,20 +67,10 @@ struct NewArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &Args) -> Result<ExitCode> {
-    let Command::New(args) = &args.command;
-    if is_preset(&args.output.to_string_lossy()) {
-        return Err(Error::input(format!("a camera file called {}", args.output.display()))
-            .help("names without a dot are reserved for presets: call it FILE.toml"));
-    }
+pub fn run(args: &NewArgs) -> Result<ExitCode> {
+    files::check_name(&args.output)?;
     let draft = Draft::of(&args.request())?;
-    let directory = args.output.parent().unwrap_or(Path::new(""));
-    draft.camera(directory).map_err(|e| e.at(format!("{} to be", args.output.display())))?;
-    let mut files = vec![(args.output.clone(), draft.text())];
-    files.extend(draft.tables().into_iter().map(|(name, text)| (directory.join(name), text)));
-    // An existing identical table, shared with another camera, is kept.
-    files.retain(|(path, text)| std::fs::read_to_string(path).ok().as_ref() != Some(text));
-    write_all(&files, args.force)?;
+    let files = files::write(&draft, &args.output, args.force)?;
     tell(&draft, &args.output, &files);
     Ok(ExitCode::SUCCESS)
 }
@@ -138,37 +115,13 @@ impl NewArgs {
             self.output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
         let name = self.name.clone().unwrap_or(stem);
         let like = self.like.as_ref().map(|like| like.to_ascii_lowercase());
-        Request { name, like, given, efficiency }
+        Request { name, like, given, efficiency, ..Request::default() }
     }
 }
 
-/// Writes all files or none.
-fn write_all(files: &[(PathBuf, String)], force: bool) -> Result<()> {
-    let mut outputs = Vec::new();
-    for (path, text) in files {
-        let mut output = OutputFile::create(path, force)?;
-        output.write_all(text.as_bytes()).map_err(|e| Error::io("write", path, e))?;
-        outputs.push(output);
-    }
-    outputs.into_iter().try_for_each(OutputFile::finish)
-}
-
-/// Prints what was written, which values are typical, and what to type next.
-fn tell(draft: &Draft, output: &Path, files: &[(PathBuf, String)]) {
-    let names: Vec<String> = files.iter().map(|(path, _)| path.display().to_string()).collect();
-    match names.is_empty() {
-        true => eprintln!("{} already exists, unchanged", output.display()),
-        false => eprintln!("wrote {}", names.join(", ")),
-    }
-    let typical = draft.entries.iter().filter(|entry| entry.basis.grade == Grade::Typical);
-    let typical: Vec<String> =
-        typical.map(|e| format!("{} = {}", e.key.name(), e.value)).collect();
-    eprintln!(
-        "{} of {} values are typical: {}",
-        typical.len(),
-        draft.entries.len(),
-        typical.join(", ")
-    );
+/// Prints what was written, and what to type next.
+fn tell(draft: &Draft, output: &Path, files: &[PathBuf]) {
+    files::tell(draft, output, files);
     let dot = if output.is_absolute() { "" } else { "./" };
     eprintln!(
         "next: camrig simulate --camera {dot}{} --scene colorchecker --exposure auto:0.18 -o first.dng",

@@ -1,0 +1,264 @@
+//! Black level, noise, patterns and dark current at each gain in electrons, and what they are over
+//! the gains.
+
+use super::response::Response;
+use super::stacks::AtGain;
+use camrig_base::Value;
+use camrig_base::tails::{median_of_squares, quantile_of_squares};
+use camrig_estimates::robust::trigamma;
+use camrig_measure::gains::{ReadLaw, read_law};
+
+/// Standard errors, and share of the read noise, from which an effect is written.
+const MIN_DEVIATION: f64 = 3.0;
+const MIN_SHARE: f64 = 0.03;
+/// Hot pixels from which their law is written.
+const MIN_HOT: f64 = 5.0;
+/// Frames of the bias from which the spread of the read noise is judged: of fewer, the law of their
+/// variance is not known well enough for a spread of [`MIN_SHARE`].
+const MIN_SPREAD_FRAMES: usize = 12;
+/// How far χ² of one value at all gains may lie above its mean, in standard deviations √(2ν).
+const MAX_CHI2_DEVIATION: f64 = 5.0;
+
+/// Dark current of the ordinary pixels, and of hot ones.
+#[derive(Clone, Copy, Debug)]
+pub struct Dark {
+    /// Of the median pixel, e⁻/s.
+    pub rate: Value,
+    /// Standard deviation over the ordinary pixels, e⁻/s.
+    pub spread: Option<Value>,
+    /// Fraction of hot pixels, and mean of their exponential law, e⁻/s.
+    pub hot: Option<[Value; 2]>,
+    /// Which of the gains shows it best.
+    pub gain: usize,
+}
+
+/// A noise or pattern that is an effect of the catalogue.
+#[derive(Clone, Copy, Debug)]
+pub struct Effect {
+    /// Its kind.
+    pub kind: &'static str,
+    /// The key of its strength.
+    pub key: &'static str,
+    /// The strength.
+    pub value: Value,
+    /// χ² of one strength at all gains over its degrees of freedom, where that does not fit.
+    pub misfit: Option<f64>,
+}
+
+/// What the darks of all gains show.
+pub struct Noise {
+    /// Mean of no light at exposure 0 at each gain, DN.
+    pub black: Vec<Value>,
+    /// Read noise of the median pixel at each gain, e⁻: without rows, rounding and dark current.
+    pub read: Vec<Value>,
+    /// Its law over the gains; none of one gain, or where none fits.
+    pub law: Option<ReadLaw>,
+    /// Dark current; none where the darks have one exposure.
+    pub dark: Option<Dark>,
+    /// Standard deviation of the rows' offsets, e⁻.
+    pub rows: Option<Value>,
+    /// Effects that stand out.
+    pub effects: Vec<Effect>,
+}
+
+impl Noise {
+    /// Of all gains, with their DN per electron.
+    pub fn of(gains: &[AtGain], response: &[Value]) -> Self {
+        let dark = dark(gains, response);
+        let charge = |g: &AtGain| dark.map_or(0.0, |d| d.rate.value * g.shortest_s);
+        let each = || gains.iter().zip(response);
+        let black = each().map(|(g, k)| black(g, k.value * charge(g))).collect();
+        let variances: Vec<(f64, Value)> =
+            each().map(|(g, k)| (g.gain, read_variance(g, *k, charge(g)))).collect();
+        let read: Vec<Value> = variances
+            .iter()
+            // Of no noise above rounding, the upper limit is its error.
+            .map(|(_, v)| v.sqrt().unwrap_or(Value::new(0.0, v.std_error.sqrt())))
+            .collect();
+        let law = if gains.len() > 1 { read_law(&variances).ok() } else { None };
+        let mut all = Self { black, read, law, dark, rows: None, effects: Vec::new() };
+        all.add_effects(gains, response);
+        all
+    }
+
+    fn add_effects(&mut self, gains: &[AtGain], response: &[Value]) {
+        let part = |of: &dyn Fn(&AtGain) -> (Value, f64)| {
+            let of_gain = |(g, k): (&AtGain, &Value)| {
+                let (variance, null) = of(g);
+                (variance.scaled(k.value.powi(-2)), null * k.value.powi(-2))
+            };
+            Part::of(gains.iter().zip(response).map(of_gain).collect())
+        };
+        let least = MIN_SHARE * self.read.first().map_or(0.0, |r| r.value);
+        let stands_out =
+            |part: &Part| part.sigma.filter(|s| part.deviation > MIN_DEVIATION && s.value > least);
+        let frame = |g: &AtGain| {
+            let Some(offsets) = g.found.frame_offsets else { return (Value::new(0.0, 1.0), 1.0) };
+            let variance = offsets.sd_dn * offsets.sd_dn;
+            let null = variance / offsets.deviation.max(1e-9);
+            (Value::new(variance, null), null)
+        };
+        let dark = self.dark;
+        let pixels = |g: &AtGain| {
+            let v = g.found.bias.pattern.pixels;
+            (v, v.std_error)
+        };
+        let parts: [(&str, Part); 5] = [
+            (
+                "row-temporal-noise",
+                part(&|g| (g.found.bias.row_variance, g.found.bias.row_variance_null)),
+            ),
+            (
+                "column-temporal-noise",
+                part(&|g| (g.found.bias.column_variance, g.found.bias.column_variance.std_error)),
+            ),
+            (
+                "column-offset-fpn",
+                part(&|g| (g.found.bias.pattern.columns, g.found.bias.pattern.line_nulls[0])),
+            ),
+            ("frame-offset-noise", part(&frame)),
+            ("pixel-offset-fpn", {
+                // The pattern of the dark current in the shortest exposure is not one of offsets.
+                let spread = dark.and_then(|d| d.spread).map_or(0.0, |s| s.value);
+                let grown = gains.iter().map(|g| (spread * g.shortest_s).powi(2));
+                part(&pixels).less(grown.fold(0.0, f64::max))
+            }),
+        ];
+        for (kind, part) in parts {
+            if let Some(value) = stands_out(&part) {
+                self.effects.push(Effect { kind, key: "sigma_e", value, misfit: part.misfit });
+            }
+        }
+        let rows = part(&|g| (g.found.bias.pattern.rows, g.found.bias.pattern.line_nulls[1]));
+        self.rows = stands_out(&rows).or(Some(Value::new(0.0, rows.null.sqrt())));
+        // Spreads are roots, never below 0: their squares are combined.
+        let many = gains.iter().filter(|g| g.found.bias.frames() >= MIN_SPREAD_FRAMES);
+        let squares = many.map(|g| {
+            let s = g.found.bias.read_noise_spread;
+            let square = s.value * s.value - lean(g.found.bias.frames() as f64 - 1.0);
+            Value::new(square, s.std_error * (2.0 * s.value + s.std_error))
+        });
+        let square = Value::combine(squares).filter(|s| s.z() > MIN_DEVIATION);
+        if let Some(value) = square.and_then(Value::sqrt).filter(|s| s.value > MIN_SHARE) {
+            let (kind, key) = ("read-noise-spread", "spread");
+            self.effects.push(Effect { kind, key, value, misfit: None });
+        }
+    }
+}
+
+/// A variance at all gains, e⁻².
+struct Part {
+    sigma: Option<Value>,
+    /// In standard errors of none.
+    deviation: f64,
+    /// Standard error where there is none, e⁻².
+    null: f64,
+    misfit: Option<f64>,
+}
+
+impl Part {
+    /// One variance at all gains; where they differ, that of the lowest gain.
+    fn of(each: Vec<(Value, f64)>) -> Self {
+        let nulls = each.iter().map(|(_, null)| Value::new(0.0, *null));
+        let null = Value::combine(nulls).map_or(f64::INFINITY, |v| v.std_error);
+        let mut variance = Value::combine(each.iter().map(|(v, _)| *v));
+        let freedom = each.len() as f64 - 1.0;
+        let chi2 = variance.map_or(0.0, |mean| {
+            let z = |v: &Value| (v.value - mean.value) / v.std_error;
+            each.iter().map(|(v, _)| z(v).powi(2)).filter(|z| z.is_finite()).sum()
+        });
+        let fits = chi2 <= freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt();
+        let misfit = (!fits).then(|| chi2 / freedom);
+        if !fits {
+            variance = each.first().map(|(v, _)| *v);
+        }
+        let deviation = variance.map_or(0.0, |v| v.value / null);
+        Self { sigma: variance.and_then(Value::sqrt), deviation, null, misfit }
+    }
+
+    /// Without a part that has another cause.
+    fn less(self, variance: f64) -> Self {
+        let rest = self
+            .sigma
+            .map(|s| Value::new(s.value * s.value - variance, 2.0 * s.value * s.std_error));
+        let sigma = rest.and_then(Value::sqrt);
+        Self { deviation: rest.map_or(0.0, |r| r.value / self.null), sigma, ..self }
+    }
+}
+
+/// What the spread of the read noise has by the lower half of the logarithms of variances, which
+/// leans out further than their standard deviation: a quarter of the difference of the squares.
+fn lean(dof: f64) -> f64 {
+    /// Φ⁻¹(3/4).
+    const QUARTILE: f64 = 0.674_489_75;
+    let half = libm::log(median_of_squares(dof) / quantile_of_squares(-QUARTILE, dof)) / QUARTILE;
+    0.25 * (half * half - trigamma(0.5 * dof))
+}
+
+/// Mean of no light, DN, less the dark signal of its exposure.
+fn black(g: &AtGain, dark_dn: f64) -> Value {
+    let sites = &g.found.bias.black_by_site;
+    let n = sites.len() as f64;
+    let mean = sites.iter().map(|v| v.value).sum::<f64>() / n;
+    // Sites share frames, rows and columns: their errors do not average. The mean of a pattern is
+    // zero over all sensors, but not over the lines of this one.
+    let error = sites.iter().map(|v| v.std_error).sum::<f64>() / n;
+    let (width, height) = g.found.size();
+    let pattern = &g.found.bias.pattern;
+    let lines = pattern.columns.value.max(0.0) / width as f64
+        + pattern.rows.value.max(0.0) / height as f64;
+    Value::new(mean - dark_dn, libm::hypot(error, lines.sqrt()))
+}
+
+/// Variance of the read noise, e⁻², without the shot noise of `dark_e` electrons.
+fn read_variance(g: &AtGain, k: Value, dark_e: f64) -> Value {
+    let variance = g.found.bias.read_noise_variance.scaled(k.value.powi(-2));
+    let of_gain = 2.0 * variance.value * k.std_error / k.value;
+    Value::new(variance.value - dark_e, libm::hypot(variance.std_error, of_gain))
+}
+
+/// The dark current of the gain that shows it best.
+fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
+    let all = gains.iter().zip(response).enumerate().filter_map(|(gain, (g, k))| {
+        let found = g.found.dark_current.as_ref()?;
+        let electrons = |v: Value| v.over(*k);
+        let rate = electrons(found.median);
+        let rate = Value::new(rate.value.max(0.0), rate.std_error);
+        let spread = found.pattern_variance.sqrt().map(electrons);
+        let (width, height) = g.found.size();
+        let count = found.hot_share.value * (width * height) as f64;
+        let hot = found.hot_excess.filter(|_| count >= MIN_HOT).map(|mean| {
+            // Of an exponential law the excess over a limit has the law's mean.
+            let below = libm::exp((found.hot_threshold - found.median.value) / mean.value);
+            [found.hot_share.scaled(below), electrons(mean)]
+        });
+        let hot = hot.filter(|[fraction, _]| fraction.value <= 1.0);
+        Some(Dark { rate, spread, hot, gain })
+    });
+    all.filter(|d| d.rate.std_error.is_finite())
+        .min_by(|a, b| a.rate.std_error.total_cmp(&b.rate.std_error))
+}
+
+/// PRNU of the brightest flat of the lowest gain: of the charge, which the response compresses.
+pub fn prnu(
+    gains: &[AtGain],
+    response: &Response,
+    lit: &[usize],
+    dsnu_e_per_s: f64,
+) -> Option<Value> {
+    let index = *lit.first()?;
+    let g = &gains[index];
+    let level = |i: usize| {
+        let sites = &g.found.flats[i].sites;
+        sites.iter().map(|s| s.level.value).sum::<f64>() / sites.len() as f64
+    };
+    let flat = g.flats.iter().max_by(|a, b| level(a.index).total_cmp(&level(b.index)))?;
+    let k = response.gains[0].value;
+    let variance = Value::combine(g.found.flats[flat.index].sites.iter().map(|site| {
+        let slope = response.slope(0, site.level.value);
+        let grown = k * dsnu_e_per_s * (flat.exposure_s - g.shortest_s) / site.level.value;
+        let of_charge = site.prnu_variance.scaled(slope.powi(-2));
+        Value::new(of_charge.value - grown * grown, of_charge.std_error)
+    }))?;
+    variance.sqrt()
+}

@@ -1,0 +1,204 @@
+//! The dark and flat stacks of a cleaned set by analog gain, and the levels of the flats.
+
+use camrig_base::{Cfa, Error, Plane, Result};
+use camrig_captures::{Capture, CaptureSet, Role};
+use camrig_clean::Cleaned;
+use camrig_estimates::{Estimates, Sites, Stack, estimate};
+use camrig_measure::ladder::{Selection, photons};
+use camrig_measure::moments::SATURATED_SHARE;
+use camrig_measure::ptc::{self, Ptc};
+
+/// Most samples in memory, from which a gain is known to 0.1 %; of larger sets the middle of the
+/// frames is used.
+const MAX_SAMPLES: usize = 1 << 25;
+/// Change of temperature up to which stacks belong together, K: with a doubling in 7 K, dark
+/// current changes by 10 %.
+const SAME_TEMPERATURE_C: f64 = 1.0;
+
+/// What was measured at one analog gain.
+pub struct AtGain {
+    /// The gain as it was stated.
+    pub gain: f64,
+    /// What its dark and flat stacks show.
+    pub found: Estimates,
+    /// Its flats below saturation, in the order of [`Estimates::flats`].
+    pub flats: Vec<FlatStack>,
+    /// Exposure of the shortest dark, s.
+    pub shortest_s: f64,
+    /// Frames of the darks and of the flats that were used.
+    pub frames: [usize; 2],
+    /// Photon transfer of its flats; none where it has none.
+    pub ptc: Option<Ptc>,
+}
+
+/// Conditions of a flat.
+pub struct FlatStack {
+    /// Its place in [`Estimates::flats`].
+    pub index: usize,
+    /// Wavelength, nm, where the light is narrow-band.
+    pub wavelength_nm: Option<f64>,
+    /// Photons per pixel over the exposure, where they are known.
+    pub photons: Option<f64>,
+    /// Exposure, s.
+    pub exposure_s: f64,
+    /// Frames.
+    pub frames: usize,
+}
+
+/// The sites of a colour filter pattern.
+pub fn sites(cfa: &Cfa) -> Sites {
+    Sites { across: cfa.width, down: cfa.height }
+}
+
+/// Measures every analog gain that has darks, by rising gain, at the temperature of most stacks.
+/// `dn_per_e` is that at unity gain, for sets without flats.
+///
+/// # Errors
+/// Files that cannot be read; no dark stack of two frames or more; no flat below saturation; no
+/// flats, and no `dn_per_e`.
+pub fn measure(raw: &CaptureSet, cleaned: &Cleaned, dn_per_e: Option<f64>) -> Result<Vec<AtGain>> {
+    // Photon transfer reads the frames as they were, with the light that cleaning mended.
+    let set = CaptureSet { captures: cleaned.set().captures.clone(), ..raw.clone() };
+    let used = at_one_temperature(cleaned.set());
+    let gains_of = |role: Role| {
+        let of_role = used.iter().map(|i| &cleaned.set().captures[*i]).filter(|c| c.role == role);
+        let mut gains: Vec<f64> = of_role.map(|c| c.analog_gain).collect();
+        gains.sort_by(f64::total_cmp);
+        gains.dedup();
+        gains
+    };
+    let (mut gains, lit) = (gains_of(Role::Dark), gains_of(Role::Flat));
+    if gains.is_empty() {
+        return Err(Error::input("no dark captures").help(
+            "a camera file needs dark frames: some ten of the shortest exposure, and some ten of \
+             a long one for the dark current",
+        ));
+    }
+    // Those without flats have the gain of the others, in proportion.
+    gains.sort_by_key(|gain| !lit.contains(gain));
+    let (mut all, mut unity): (Vec<AtGain>, _) = (Vec::new(), dn_per_e);
+    for gain in gains {
+        let place = |e: Error| e.at(format!("analog gain {gain}"));
+        if unity.is_none() && !lit.contains(&gain) {
+            return Err(Error::input("dark frames alone tell no gain, so nothing in electrons")
+                .help(
+                    "add two flats of one level or more at this gain, or give the DN per electron \
+                     at unity gain",
+                ));
+        }
+        let k = unity.map_or(f64::NAN, |k| k * gain);
+        let found = at_gain(&set, cleaned, &used, (gain, k)).map_err(place)?;
+        unity = unity.or(found.found.gain.map(|k| k.value / gain));
+        all.push(found);
+    }
+    all.sort_by(|a, b| a.gain.total_cmp(&b.gain));
+    Ok(all)
+}
+
+/// The dark and flat captures whose temperature most of them have.
+fn at_one_temperature(set: &CaptureSet) -> Vec<usize> {
+    let kept = |c: &Capture| matches!(c.role, Role::Dark | Role::Flat);
+    let all: Vec<usize> = (0..set.captures.len()).filter(|i| kept(&set.captures[*i])).collect();
+    let near = |a: &usize, b: &usize| {
+        let at = |i: &usize| set.captures[*i].temperature_c;
+        at(a).zip(at(b)).is_none_or(|(a, b)| (a - b).abs() <= SAME_TEMPERATURE_C)
+    };
+    let together = |a: &&usize| all.iter().filter(|b| near(a, b)).count();
+    // Of equal groups the first in the file.
+    let Some(first) = all.iter().rev().max_by_key(together) else { return all };
+    all.iter().copied().filter(|i| near(first, i)).collect()
+}
+
+fn at_gain(
+    set: &CaptureSet,
+    cleaned: &Cleaned,
+    used: &[usize],
+    (gain, dn_per_e): (f64, f64),
+) -> Result<AtGain> {
+    let facts = &cleaned.set().sensor;
+    let of_gain: Vec<usize> =
+        used.iter().copied().filter(|i| set.captures[*i].analog_gain == gain).collect();
+    let counts: usize =
+        of_gain.iter().map(|i| set.count(&set.captures[*i])).sum::<Result<usize>>()?;
+    let part = middle(facts.width, facts.height, counts, &cleaned.set().cfa());
+    let mut stacks = Vec::new();
+    let mut flats: Vec<(usize, f64)> = Vec::new();
+    for i in of_gain {
+        let capture = &set.captures[i];
+        let mut frames = Vec::new();
+        cleaned.for_each_batch(i, |planes| {
+            frames.extend(planes.iter().map(|p| cut(p, part)));
+            Ok(())
+        })?;
+        if frames.len() < 2 {
+            continue;
+        }
+        if capture.role == Role::Flat {
+            flats.push((i, saturated(&frames, facts.white_level_dn)));
+        }
+        stacks.push(Stack::new(&capture.id, capture.role, capture.exposure_s, frames));
+    }
+    let photon_transfer = photon_transfer(set, gain)?;
+    let below = |(index, (i, share)): (usize, (usize, f64))| {
+        let capture = &set.captures[i];
+        let used = share <= SATURATED_SHARE && is_used(photon_transfer.as_ref(), &capture.id);
+        used.then(|| FlatStack {
+            index,
+            wavelength_nm: capture.light.as_ref().and_then(|l| l.wavelength_nm),
+            photons: photons(set, capture),
+            exposure_s: capture.exposure_s,
+            frames: stacks.iter().find(|s| s.id == capture.id).map_or(0, |s| s.frames.len()),
+        })
+    };
+    let flats: Vec<FlatStack> = flats.into_iter().enumerate().filter_map(below).collect();
+    let count = |role| stacks.iter().filter(|s| s.role == role).map(|s| s.frames.len()).sum();
+    let darks = stacks.iter().filter(|s| s.role == Role::Dark);
+    let shortest_s = darks.map(|s| s.exposure_s).fold(f64::INFINITY, f64::min);
+    let frames = [count(Role::Dark), flats.iter().map(|f| f.frames).sum()];
+    let found = estimate(&stacks, sites(&cleaned.set().cfa()), dn_per_e)?;
+    Ok(AtGain { gain, found, flats, shortest_s, frames, ptc: photon_transfer })
+}
+
+/// The photon transfer of the wavelength with most flats at a gain; none without flats.
+fn photon_transfer(set: &CaptureSet, gain: f64) -> Result<Option<Ptc>> {
+    let all = Selection::all(set).into_iter();
+    let own = all.filter(|s| s.analog_gain == gain && !s.darks.is_empty());
+    let most = own.max_by_key(|s| s.flats.len());
+    most.map(|selection| ptc::of_selection(set, &selection)).transpose()
+}
+
+/// Whether photon transfer found a flat below saturation, in all channels; one of another light
+/// was not judged.
+fn is_used(ptc: Option<&Ptc>, id: &str) -> bool {
+    let channels = ptc.iter().flat_map(|p| &p.channels);
+    channels.flat_map(|c| &c.curve).filter(|point| point.id == id).all(|point| point.used)
+}
+
+/// Share of the samples at the white level.
+fn saturated(frames: &[Plane<u16>], white: u16) -> f64 {
+    let all = frames.iter().flat_map(|f| &f.data);
+    let (full, count) =
+        all.fold((0usize, 0usize), |(full, n), v| (full + usize::from(*v >= white), n + 1));
+    full as f64 / count.max(1) as f64
+}
+
+/// First column and row, columns and rows of the part of frames that fits into memory.
+fn middle(width: usize, height: usize, frames: usize, cfa: &Cfa) -> [usize; 4] {
+    let share = (MAX_SAMPLES / frames.max(1)) as f64 / (width * height) as f64;
+    let part = |all: usize, period: usize| {
+        if share >= 1.0 {
+            return (0, all);
+        }
+        let kept = (all as f64 * share.sqrt()) as usize / period * period;
+        ((all - kept) / 2 / period * period, kept)
+    };
+    let ((x, width), (y, height)) = (part(width, cfa.width), part(height, cfa.height));
+    [x, y, width, height]
+}
+
+fn cut(plane: &Plane<u16>, [x0, y0, width, height]: [usize; 4]) -> Plane<u16> {
+    match (plane.width, plane.height) == (width, height) {
+        true => plane.clone(),
+        false => Plane::from_fn(width, height, |x, y| plane.row(y0 + y)[x0 + x]),
+    }
+}

@@ -1,0 +1,241 @@
+//! Cameras that are simulated and fitted again: figures against the truth, and the gap of the file.
+
+use super::*;
+use camrig_camera::Camera;
+use camrig_camera::draft::{Grade, Request};
+use camrig_capture::{plan, take};
+use std::path::PathBuf;
+
+/// A camera by its keys, and effects in TOML.
+fn camera(keys: &[&str], effects: &str) -> Camera {
+    let common = ["sensor.pitch_um=3.0", "sensor.bits=12"];
+    let given = common.iter().chain(keys).map(|text| text.parse().unwrap()).collect();
+    let draft = Draft::of(&Request { name: "truth".into(), given, ..Request::default() }).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("truth.toml");
+    std::fs::write(&path, draft.text() + effects).unwrap();
+    for (name, table) in draft.tables() {
+        std::fs::write(folder.path().join(name), table).unwrap();
+    }
+    Camera::load(path.to_str().unwrap()).unwrap()
+}
+
+struct Taken {
+    folder: tempfile::TempDir,
+    set: CaptureSet,
+}
+
+fn taken(camera: &Camera, plan_text: &str) -> Taken {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("plan.toml");
+    std::fs::write(&file, format!("format = \"plan/1\"\n{plan_text}")).unwrap();
+    let shots = plan::load(file.to_str().unwrap()).unwrap();
+    let out = folder.path().join("set");
+    take::take(camera, &shots, &out, &take::TakeOptions::default(), || ()).unwrap();
+    Taken { set: CaptureSet::load(&out).unwrap(), folder }
+}
+
+impl Taken {
+    /// The fitted file on disk, loaded.
+    fn fitted(&self, options: &Options) -> (Fitted, Camera) {
+        let fitted = fit(&self.set, options).unwrap();
+        let path: PathBuf = self.folder.path().join("fitted.toml");
+        std::fs::write(&path, fitted.draft.text()).unwrap();
+        for (name, table) in fitted.draft.tables() {
+            std::fs::write(self.folder.path().join(name), table).unwrap();
+        }
+        (fitted, Camera::load(path.to_str().unwrap()).unwrap())
+    }
+
+    /// How far the file is from passing: its gap over the limit.
+    fn gap(&self, camera: &Camera) -> f64 {
+        let options = camrig_diagnose::Options::default();
+        let found = camrig_diagnose::compare(camera, self.set.clone(), &options).unwrap();
+        for row in found.statistics.iter().take(6) {
+            let of = [&row.place, &row.statistic];
+            println!("{of:?} {:?} {:?} z {:?}", row.measured, row.predicted, row.z_fit);
+        }
+        println!("gap {} of {}", found.gap, found.gap_limit);
+        found.gap / found.gap_limit
+    }
+}
+
+/// Value and error of a path of the draft.
+fn figure(fitted: &Fitted, path: &str) -> Value {
+    let of = fitted.draft.entry(path).map(|e| (&e.value, &e.basis)).or_else(|| {
+        let more = fitted.draft.more.iter().find(|known| known.change.key == path)?;
+        Some((&more.change.value, &more.basis))
+    });
+    let (value, basis) = of.unwrap_or_else(|| panic!("no {path} in\n{}", fitted.draft.text()));
+    assert_eq!(basis.grade, Grade::Measured, "{path}");
+    Value::new(value.as_f64().unwrap(), basis.std_error.unwrap())
+}
+
+/// Within three errors, and errors within what is asked of the figure.
+fn check(fitted: &Fitted, wrong: &mut Vec<String>, path: &str, truth: f64, part: f64) {
+    let found = figure(fitted, path);
+    let off = (found.value - truth) / found.std_error;
+    println!("{path}: {} ± {} for {truth} ({off:+.1})", found.value, found.std_error);
+    if off.abs() > 3.5 || (found.value / truth - 1.0).abs() > part {
+        wrong.push(format!("{path}: {found:?} for {truth}"));
+    }
+}
+
+const COLOUR_PLAN: &str = "
+[[stack]]
+id = \"dark-short\"
+role = \"dark\"
+frames = 16
+exposure_s = 0.005
+analog_gain = [1, 2, 4, 8]
+[[stack]]
+id = \"dark-long\"
+role = \"dark\"
+frames = 16
+exposure_s = 0.2
+analog_gain = [1, 8]
+[[stack]]
+id = \"flat\"
+role = \"flat\"
+frames = 8
+exposure_s = 0.005
+analog_gain = [1, 2, 4, 8]
+fill = [0.03, 0.08, 0.2, 0.4, 0.6, 0.8]
+[stack.light]
+wavelength_nm = 550
+";
+
+/// A colour sensor at four gains, with noise of rows, offsets of columns and a bent response: the
+/// file passes for the right one.
+#[test]
+fn a_colour_sensor_comes_back_and_its_file_passes() {
+    for seed in [11, 12] {
+        let seed = format!("sensor.seed={seed}");
+        let truth = camera(
+            &[
+                "sensor.width=192",
+                "sensor.height=128",
+                "sensor.cfa=RGGB",
+                "sensor.full_well_e=11000",
+                "sensor.black_level_dn=64",
+                "sensor.qe_peak=0.7",
+                "sensor.noise.read_e=5.0",
+                "sensor.noise.read_e_post=4.2",
+                "sensor.noise.dark_current_e_per_s=40",
+                "sensor.noise.dsnu_e_per_s=15",
+                "sensor.noise.prnu=0.008",
+                "sensor.noise.row_fpn_e=0",
+                &seed,
+            ],
+            "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 1.2\n\
+             [[effect]]\nkind = \"column-offset-fpn\"\nsigma_e = 1.5\n\
+             [[effect]]\nkind = \"nonlinearity\"\nloss = 0.02\nexponent = 1.0\n",
+        );
+        let taken = taken(&truth, COLOUR_PLAN);
+        let (fitted, camera) = taken.fitted(&Options::default());
+        println!("{:#?}", fitted.notes);
+        let mut wrong = Vec::new();
+        for (path, truth, part) in [
+            ("sensor.full_well_e", 11_000.0, 0.003),
+            ("sensor.noise.read_e", 5.0, 0.01),
+            ("sensor.noise.read_e_post", 4.2, 0.01),
+            ("sensor.noise.dark_current_e_per_s", 40.0, 0.01),
+            ("sensor.noise.dsnu_e_per_s", 15.0, 0.05),
+            ("sensor.noise.prnu", 0.008, 0.03),
+            ("effect.row-temporal-noise.sigma_e", 1.2, 0.08),
+            ("effect.column-offset-fpn.sigma_e", 1.5, 0.2),
+            ("effect.nonlinearity.loss", 0.02, 0.03),
+            ("effect.nonlinearity.exponent", 1.0, 0.01),
+        ] {
+            check(&fitted, &mut wrong, path, truth, part);
+        }
+        let kinds: Vec<&str> = camera.effects.iter().map(|e| e.entry().kind).collect();
+        if kinds.len() != 3 {
+            wrong.push(format!("effects {kinds:?}"));
+        }
+        let gap = taken.gap(&camera);
+        if gap > 1.0 {
+            wrong.push(format!("gap {gap} of its limit"));
+        }
+        assert!(wrong.is_empty(), "{wrong:#?}\n{}", fitted.draft.text());
+    }
+}
+
+fn mono_plan(gains: &str) -> String {
+    let stack = |id: &str, role: &str, frames: u32, exposure: f64, more: &str| {
+        format!(
+            "[[stack]]\nid = \"{id}\"\nrole = \"{role}\"\nframes = {frames}\n\
+             exposure_s = {exposure}\nanalog_gain = {gains}\n{more}"
+        )
+    };
+    let light = "fill = [0.02, 0.06, 0.15, 0.3, 0.5, 0.75]\nlight = { wavelength_nm = 550.0 }\n";
+    stack("dark", "dark", 16, 0.004, "")
+        + &stack("long", "dark", 16, 0.5, "")
+        + &stack("flat", "flat", 8, 0.004, light)
+}
+
+/// A monochrome sensor with hot pixels and noise of rows: the dark current and its pattern are those
+/// of the ordinary pixels, and the file passes.
+#[test]
+fn hot_pixels_stand_apart_from_the_dark_current() {
+    for (full, read, post, seed) in [(20_000, 6.0, 5.0, 21), (6_000, 2.2, 1.9, 22)] {
+        let keys = [
+            format!("sensor.full_well_e={full}"),
+            format!("sensor.noise.read_e={read}"),
+            format!("sensor.noise.read_e_post={post}"),
+            format!("sensor.seed={seed}"),
+        ];
+        let mut keys: Vec<&str> = keys.iter().map(|k| &k[..]).collect();
+        keys.extend([
+            "sensor.width=160",
+            "sensor.height=120",
+            "sensor.cfa=mono",
+            "sensor.black_level_dn=100",
+            "sensor.qe_peak=0.6",
+            "sensor.noise.prnu=0.006",
+            "sensor.noise.dark_current_e_per_s=10",
+            "sensor.noise.dsnu_e_per_s=4",
+            "sensor.noise.row_fpn_e=0",
+        ]);
+        let truth = camera(
+            &keys,
+            "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 0.5\n\
+             [[effect]]\nkind = \"hot-pixels\"\nfraction = 0.002\nmean_e_per_s = 1500.0\n",
+        );
+        let taken = taken(&truth, &mono_plan("[1, 2]"));
+        let (fitted, camera) = taken.fitted(&Options::default());
+        println!("{:#?}", fitted.notes);
+        let mut wrong = Vec::new();
+        for (path, truth, part) in [
+            ("sensor.full_well_e", f64::from(full), 0.003),
+            ("sensor.noise.read_e", read, 0.01),
+            ("sensor.noise.read_e_post", post, 0.02),
+            ("sensor.noise.dark_current_e_per_s", 10.0, 0.02),
+            ("sensor.noise.dsnu_e_per_s", 4.0, 0.05),
+            ("effect.hot-pixels.fraction", 0.002, 0.4),
+            ("effect.hot-pixels.mean_e_per_s", 1500.0, 0.4),
+            ("effect.row-temporal-noise.sigma_e", 0.5, 0.1),
+        ] {
+            check(&fitted, &mut wrong, path, truth, part);
+        }
+        let green = camera.sensor.qe[0].at(550.0) / truth.sensor.qe[0].at(550.0);
+        if (green - 1.0).abs() > 0.005 {
+            wrong.push(format!("efficiency {green} of the truth"));
+        }
+        let gap = taken.gap(&camera);
+        if gap > 1.0 {
+            wrong.push(format!("gap {gap} of its limit"));
+        }
+        assert!(wrong.is_empty(), "{wrong:#?}\n{}", fitted.draft.text());
+    }
+}
+
+#[test]
+fn a_set_without_darks_is_refused() {
+    let truth =
+        Camera::load_with("mt9v024", [("sensor.width", 32), ("sensor.height", 32)]).unwrap();
+    let plan = "[[stack]]\nid = \"flat\"\nrole = \"flat\"\nframes = 2\nexposure_s = 0.004\n\
+                fill = [0.2, 0.5]\nlight = { wavelength_nm = 550.0 }\n";
+    let error = fit(&taken(&truth, plan).set, &Options::default()).unwrap_err();
+    assert!(error.to_string().contains("no dark captures"), "{error}");
+}
