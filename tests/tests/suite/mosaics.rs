@@ -54,7 +54,7 @@ fn camera(directory: &Path, side: usize, [width, height]: [usize; 2]) -> Camera 
 fn each_pixel_of_a_mosaic_has_the_mean_of_its_band() {
     let (width, height) = (47, 33);
     let bands = Bands { start_nm: 405.0, step_nm: 10.0, count: 30 };
-    let (level, exposure_s) = (0.002f64, 0.01);
+    let (level, exposure_s) = (5e-4f64, 0.01);
     let directory = tempfile::tempdir().unwrap();
     for side in [3, 4, 5] {
         let mut camera = camera(directory.path(), side, [width, height]);
