@@ -31,25 +31,27 @@ fn merged(codes: [u16; 4]) -> i64 {
     (linear + 64).clamp(0, (1 << 24) - 1)
 }
 
+/// The ends of the lines of split4's curve: linear DN and code.
+const ENDS: [(i64, i64); 15] = [
+    (0, 0),
+    (640, 640),
+    (1024, 832),
+    (2048, 1088),
+    (4096, 1344),
+    (8192, 1600),
+    (16_384, 1856),
+    (32_768, 2112),
+    (65_536, 2368),
+    (131_072, 2624),
+    (262_144, 2880),
+    (2_097_152, 3328),
+    (4_194_304, 3584),
+    (8_388_608, 3840),
+    (16_777_216, 4096),
+];
+
 /// The linear numbers of a code of split4's curve: the first, and how many.
 fn decompanded(code: i64) -> (i64, i64) {
-    const ENDS: [(i64, i64); 15] = [
-        (0, 0),
-        (640, 640),
-        (1024, 832),
-        (2048, 1088),
-        (4096, 1344),
-        (8192, 1600),
-        (16_384, 1856),
-        (32_768, 2112),
-        (65_536, 2368),
-        (131_072, 2624),
-        (262_144, 2880),
-        (2_097_152, 3328),
-        (4_194_304, 3584),
-        (8_388_608, 3840),
-        (16_777_216, 4096),
-    ];
     let line = ENDS.windows(2).find(|w| code < w[1].1).unwrap();
     let step = (line[1].0 - line[0].0) / (line[1].1 - line[0].1);
     (line[0].0 + (code - line[0].1) * step, step)
@@ -68,6 +70,59 @@ fn what_is_sent_is_the_merge_of_the_captures() {
             let linear = merged([0, 1, 2, 3].map(|c| captures[c][i]));
             let (first, step) = decompanded(code.into());
             assert!((first..first + step).contains(&linear), "{lux} lx, {i}: {linear}, {code}");
+        }
+    }
+}
+
+/// Curves of 64 pieces: widths that are powers of two, and steps that are no whole numbers.
+fn knees_64(more: i64) -> Vec<(i64, i64)> {
+    let piece = |(x, y): &mut (i64, i64), i: i64| {
+        (*x, *y) = (*x + (64 << (i.min(59) / 4)) + more * (i - 3).max(0), *y + 64);
+        Some((*x, *y))
+    };
+    (0..64).scan((0, 0), piece).collect()
+}
+
+/// Receivers written from their publications (tests/peers/decompand.py) give back the linear
+/// numbers as far as the curve keeps them.
+#[test]
+fn receivers_give_back_the_linear_signal() {
+    let Some(python) = camrig_tests::client("python3") else { return };
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/decompand.py");
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, broken) = (knees_64(0), knees_64(3));
+    for knees in [&ENDS[1..], &whole, &broken] {
+        for rounding in ["floor", "nearest"] {
+            let text = hdr::camera("split4", SIZE, "companded");
+            let (start, list) = (text.find("knees = ").unwrap(), serde_json::json!(knees));
+            let text = format!("{}knees = {list}\n", &text[..start]);
+            let text = text.replace("\"floor\"", &format!("{rounding:?}"));
+            std::fs::write(folder.path().join("c.toml"), text).unwrap();
+            let curve = serde_json::json!({
+                "knees": knees, "bits": 12, "linear_bits": 24, "rounding": rounding,
+            });
+            std::fs::write(folder.path().join("curve.json"), curve.to_string()).unwrap();
+            for lux in ["30", "3000", "300000"] {
+                for output in ["companded", "linear"] {
+                    camrig_ok(
+                        folder.path(),
+                        &format!(
+                            "simulate --camera c.toml --set sensor.hdr.output={output} --scene \
+                             colorchecker --lux {lux} --exposure 11.264ms -o {output}.npy --force"
+                        ),
+                    );
+                }
+                let said = std::process::Command::new(&python)
+                    .arg(&script)
+                    .args(["curve.json", "companded.npy", "linear.npy"])
+                    .current_dir(folder.path())
+                    .output()
+                    .unwrap();
+                let words = String::from_utf8_lossy(&said.stdout).into_owned()
+                    + &String::from_utf8_lossy(&said.stderr);
+                assert!(said.status.success(), "{rounding} {lux} lx: {words}");
+                println!("{rounding} {lux} lx\n{words}");
+            }
         }
     }
 }

@@ -72,7 +72,7 @@ fn names(file: &HdrFile) -> Vec<Error> {
     let photodiodes: Vec<&str> = file.photodiode.iter().map(|p| p.name.as_str()).collect();
     let captures: Vec<&str> = file.capture.iter().map(|c| c.name.as_str()).collect();
     for (table, names, [least, most]) in
-        [("photodiode", &photodiodes, [1, 2]), ("capture", &captures, [2, 4])]
+        [("photodiode", &photodiodes, [1, 4]), ("capture", &captures, [2, 4])]
     {
         if !(least..=most).contains(&names.len()) {
             let what = format!("{} tables [[sensor.hdr.{table}]]", names.len());
@@ -138,12 +138,14 @@ fn photodiode(file: &HdrFile, i: usize, folder: &Folder<'_>) -> Result<Photodiod
     }
     let mut ratio = response(own, folder)?;
     if own.optical_leak > 0.0 {
-        let Some(other) = file.photodiode.iter().enumerate().find(|(k, _)| *k != i) else {
+        if file.photodiode.len() == 1 {
             return Err(Error::input("optical_leak of the only photodiode")
                 .at(place())
-                .help("it is the share of the other's light: use 0"));
-        };
-        ratio = sum(&ratio, own.optical_leak, &response(other.1, folder)?)?;
+                .help("it is the share of the light of others: use 0"));
+        }
+        for (_, other) in file.photodiode.iter().enumerate().filter(|(k, _)| *k != i) {
+            ratio = sum(&ratio, own.optical_leak, &response(other, folder)?)?;
+        }
     }
     Ok(Photodiode {
         name: own.name.clone(),

@@ -18,7 +18,8 @@ pub struct HdrFile {
     /// Time from one row to the next.
     #[schemars(range(min = 0.1, max = 10_000.0), extend("unit" = "µs", "usual" = "5 to 40"))]
     pub row_time_us: f64,
-    /// The photodiodes of a pixel, one or two.
+    /// The photodiodes of a pixel, one to four: those of a split pixel, or of a cell of a quad
+    /// pattern, which is a pixel of the merged frame.
     pub photodiode: Vec<PhotodiodeFile>,
     /// The readings of a pixel, two to four, the most sensitive first.
     pub capture: Vec<CaptureFile>,
@@ -64,10 +65,10 @@ pub struct PhotodiodeFile {
     /// Standard deviation over pixels of the gain, mean 1.
     #[schemars(range(min = 0.0, max = 0.14))]
     pub prnu: f64,
-    /// Share of the light of the other photodiode that it collects too.
+    /// Share of the light of each other photodiode that it collects too.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub optical_leak: f64,
-    /// Share of the other's charge beyond its well that it collects; 0 so far.
+    /// Share of the others' charge beyond their wells that it collects; 0 so far.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub overflow_leak: f64,
 }

@@ -7,6 +7,11 @@
 //! streams have the window's number; [`Merge`] and [`Companding`] of `camrig-sensor-core` make the
 //! sensor's code of theirs.
 //!
+//! A cell of a quad pattern, four photodiodes under one filter, is a **pixel** here, with the pitch
+//! and the position of the cell: its photodiodes may have exposures of their own, and the merged
+//! frame has a pixel per cell. That they stand a quarter of the pitch beside its centre is left
+//! out.
+//!
 //! What a merged signal should be, its mean, noise and dynamic range, is in [`expected`].
 
 mod check;
@@ -32,7 +37,7 @@ use camrig_sensor_core::hdr::{Companding, Merge};
 pub struct Photodiode {
     /// Its name.
     pub name: String,
-    /// Its response over that of the camera's `qe`, with the light of the other that leaks in.
+    /// Its response over that of the camera's `qe`, with the light of the others that leaks in.
     pub response: Spectrum,
     /// Charge that it holds, e⁻.
     pub full_well_e: f64,

@@ -4,6 +4,7 @@ use super::HdrSensor;
 use crate::rows::{Vector, rows};
 use crate::{CubeHeader, IrradianceCube};
 use camrig_camera::hdr::Hdr;
+use camrig_camera::hdr::expected::Expected;
 use camrig_camera::{Camera, Change};
 use camrig_sensor_core::arith::{Arith, Block, Fixed, Float};
 use camrig_sensor_core::config::FrameSettings;
@@ -123,7 +124,7 @@ fn other_codes<A: Vector>(name: &str, levels: usize) -> f64 {
     let camera = camera(name, [20_000, 1], &[]);
     let described = camera.sensor.hdr.as_ref().unwrap();
     let exposure_s = hdr::exposure_s(name);
-    let end = camrig_camera::hdr::expected::Expected::new(&camera, exposure_s, 1.0)
+    let end = Expected::new(&camera, exposure_s, 1.0)
         .unwrap()
         .saturation_e();
     let light = |k: usize| {
@@ -234,6 +235,59 @@ fn merged_and_companded_frames_have_the_mean_and_noise_of_independent_draws() {
             let sent = got.linear.data.iter().map(|&dn| f64::from(companding.code(dn)));
             near(mean_and_deviation(sent).0, "companded_mean", "se_companded");
         }
+    }
+}
+
+/// Flats over more than five decades of light, and beside and between the hand-overs: the SNR of
+/// the linear signal, dips included, is that of the closed form. Where a step's code scatters over
+/// an end of its ramp, the closed form, which is of first order, does not hold.
+#[test]
+fn snr_of_flats_is_that_of_the_closed_form() {
+    const SIDE: u32 = 100;
+    const SIGMAS: f64 = 5.0;
+    let pixels = f64::from(SIDE * SIDE);
+    for name in hdr::CAMERAS {
+        let camera = camera(name, [SIDE, SIDE], &[]);
+        let described = camera.sensor.hdr.as_ref().unwrap();
+        let exposure_s = hdr::exposure_s(name);
+        let expected = Expected::new(&camera, exposure_s, 1.0).unwrap();
+        let end = expected.saturation_e();
+        let hand_overs = expected.hand_overs();
+        let beside = |h: &camrig_camera::hdr::expected::HandOver| {
+            let [low, high] = h.light_e;
+            [0.8 * low, 0.5 * (low + high), 1.25 * high]
+        };
+        let decades = (0..24).map(|k| 0.1 * (9.0 * end).powf(f64::from(k) / 23.0));
+        let lights: Vec<f64> = decades.chain(hand_overs.iter().flat_map(beside)).collect();
+        assert!(lights[23] / lights[0] > 1e5, "{name}: {end}");
+        // Whether the codes that decide are far from the ends of their ramps.
+        let clear = |mu: f64| {
+            described.merge.hands().iter().all(|hand| {
+                let i = usize::from(hand.decide);
+                let capture = &described.captures[i];
+                let [light, dark] = electrons(described, exposure_s, mu)[i];
+                let dn_per_e = capture.dn_per_e(1.0);
+                let code = (light + dark) * dn_per_e + f64::from(capture.black_level_dn);
+                let sigma = dn_per_e * (light + dark + capture.read_e.powi(2)).sqrt();
+                let ends = [hand.low_dn, hand.high_dn].map(f64::from);
+                ends.iter().all(|end| (code - end).abs() > SIGMAS * sigma)
+            })
+        };
+        let mut seen = 0;
+        for (frame, &mu) in (0..).zip(&lights).filter(|(_, mu)| clear(**mu)) {
+            let got = flat(&camera, exposure_s, mu, frame);
+            let pedestal = f64::from(described.merge.pedestal_dn());
+            let values = got.linear.data.iter().map(|&dn| f64::from(dn) - pedestal);
+            let (mean, deviation) = mean_and_deviation(values);
+            let merged = expected.merged(mu);
+            let snr = (mean - (merged.mean - merged.signal)) / deviation;
+            // Of the mean, and of the deviation.
+            let error = (1.0 / pixels + merged.snr().powi(2) / (2.0 * pixels)).sqrt();
+            let off = (snr - merged.snr()) / error;
+            assert!(off.abs() < SIGMAS, "{name} at {mu} e-: {snr}, {}, {off}", merged.snr());
+            seen += 1;
+        }
+        assert!(seen >= 24, "{name}: {seen}");
     }
 }
 
