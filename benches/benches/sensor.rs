@@ -4,6 +4,10 @@
 //! `cargo bench -p camrig-benches --bench sensor`. Ratios are between figures of one run on one
 //! machine. The Python peers (numpy, GalSim) run if `python3` has them.
 
+use camrig::Plane;
+use camrig::camera::Camera;
+use camrig::exposure::hdr::HdrSensor;
+use camrig::exposure::{CubeHeader, IrradianceWriter, SimulatedSensor};
 use camrig_benches::sensor::{
     SETTINGS, chain, collected_rows, config, cube, frame, means, rows, spectral_config,
 };
@@ -26,6 +30,7 @@ fn main() {
     frame_sizes(&mut criterion);
     criterion.final_summary();
     ratios();
+    several_captures();
     poisson();
 }
 
@@ -131,6 +136,34 @@ fn ratios() {
     println!("collector with crosstalk factors and chain, {} bands:", sensor.bands);
     println!("  1 thread          {whole:8.1} Mpixel/s");
     println!("  reading the cube  {read:8.1} Mpixel/s, {:.1} x", read / whole);
+}
+
+/// Four captures of two photodiodes, merged and companded, against one capture of 12 bits, both
+/// from the same light on all cores.
+fn several_captures() {
+    let camera =
+        Camera::load("ox03c10").and_then(|c| c.with_size(1920, 1080)).expect("a built-in camera");
+    let plain = camera.of_capture(0).expect("its first capture");
+    let (width, height) = (1920, 1080);
+    let header = CubeHeader { first_band_nm: 550.0, bands: 1, ..cube(width, 1).header };
+    let header = CubeHeader { height, ..header };
+    let light = Plane::from_fn(width, height, |x, _| 3.0 * x as f32 / width as f32);
+    let mut writer = IrradianceWriter::new(header).expect("valid header");
+    writer.push(&light).expect("a plane of the header's size");
+    let cube = writer.finish().expect("one band");
+    let pixels = width * height;
+    let sensor = SimulatedSensor::new(&plain, &cube.header).expect("valid camera");
+    let one = megapixels_per_s(pixels, || {
+        black_box(sensor.frame(&cube, &SETTINGS).expect("a frame"));
+    });
+    let sensor = HdrSensor::in_light(&camera, &cube.header, 1.0).expect("valid camera");
+    let four = megapixels_per_s(pixels, || {
+        let frame = sensor.frame(&SETTINGS, |_, sensor, own| sensor.frame(&cube, own));
+        black_box(sensor.sent(frame.expect("a frame"), 1.0));
+    });
+    println!("{width} x {height}, from one band of light, all threads:");
+    println!("  one capture       {one:8.1} Mpixel/s");
+    println!("  four, companded   {four:8.1} Mpixel/s, {:.2} x the time", one / four);
 }
 
 /// Chi-square of 1e8 counts for each mean against the exact law.

@@ -124,7 +124,7 @@ impl Content {
             self.over_field(ideal.as_ref(), reach, |&(x, y)| [x, y]);
             match lens.blur(nm) {
                 Blur::Otf { core, wings } => {
-                    for part in [Some(core), wings].into_iter().flatten() {
+                    for part in std::iter::once(core).chain(wings) {
                         self.numbers([part.cutoff_per_mm, part.spread_um]);
                         self.curve(&part.at, part.cutoff_per_mm);
                     }

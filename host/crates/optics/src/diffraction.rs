@@ -95,8 +95,8 @@ pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
 /// Reach of the core in λN: 0.2 % of a line's light lies beyond on each side ([`Wings`]), of which
 /// a tenth stays with the core.
 const CORE_REACH: f64 = 32.0;
-/// Reach of the wings over that of the core: light beyond it is a sixteenth of what leaves the
-/// core.
+/// Reach of the wings over that of what they are the wings of: light beyond it is a sixteenth of
+/// what leaves that.
 const WINGS_REACH: f64 = 16.0;
 /// Reciprocal of the share of the light beyond the frequency up to which the wings are followed.
 const WINGS_CUTOFF: f64 = 1e5;
@@ -164,18 +164,26 @@ impl Lens for Diffraction {
         // The geometric blur circle of defocus comes on top.
         let spread_um =
             CORE_REACH * lambda_n_um + self.defocus_um.abs() / (2.0 * self.working_f_number());
-        let wings = Wings::new(lambda_n_um, spread_um);
+        let near = Wings::new(lambda_n_um, spread_um);
+        let far = Wings::new(lambda_n_um, WINGS_REACH * spread_um);
         Blur::Otf {
             core: Otf {
                 cutoff_per_mm: self.cutoff_per_mm(nm),
                 spread_um,
-                at: Box::new(move |f| self.otf(nm, f) - wings.otf(f)),
+                at: Box::new(move |f| self.otf(nm, f) - near.otf(f)),
             },
-            wings: Some(Otf {
-                cutoff_per_mm: wings.cutoff_per_mm(),
-                spread_um: WINGS_REACH * spread_um,
-                at: Box::new(move |f| wings.otf(f)),
-            }),
+            wings: vec![
+                Otf {
+                    cutoff_per_mm: near.cutoff_per_mm(),
+                    spread_um: WINGS_REACH * spread_um,
+                    at: Box::new(move |f| near.otf(f) - far.otf(f)),
+                },
+                Otf {
+                    cutoff_per_mm: far.cutoff_per_mm(),
+                    spread_um: WINGS_REACH * WINGS_REACH * spread_um,
+                    at: Box::new(move |f| far.otf(f)),
+                },
+            ],
         }
     }
 }

@@ -12,6 +12,7 @@ use super::engine::nodes::Place;
 use super::engine::psf::KernelGrid;
 use super::engine::sampling::{Layout, sinc};
 use super::engine::source::{Source, Warp};
+use super::engine::wide::Wide;
 use super::engine::{Blur, Lens, Options, Otf, SensorGrid};
 use camrig_base::{Plane, Result};
 use camrig_scene::LitScene;
@@ -43,7 +44,7 @@ pub fn irradiance(
     choice: Psfs,
 ) -> Result<Plane<f64>> {
     let nm = scene.scene.bands().nm(band);
-    let cells_of = |layout: &Layout| {
+    let cells_of = |grid: &SensorGrid, layout: &Layout| {
         let source = Source::new(
             scene,
             band,
@@ -56,20 +57,23 @@ pub fn irradiance(
     };
     let mut plane = match lens.blur(nm) {
         Blur::Otf { core, wings } => {
-            let spread = |part: &Otf, layout: &Layout| -> Result<Plane<f64>> {
+            let spread = |part: &Otf, grid: &SensorGrid, layout: &Layout| -> Result<Plane<f64>> {
                 let (kernel, values) = otf_kernel(layout, grid, &part.at);
-                Ok(scatter(&cells_of(layout)?, layout, &kernel, &|_, _| Cow::Borrowed(&values)))
+                let cells = cells_of(grid, layout)?;
+                Ok(scatter(&cells, layout, &kernel, &|_, _| Cow::Borrowed(&values)))
             };
-            let mut plane = spread(&core, &fourier::layout(grid, oversample, core.spread_um))?;
-            if let Some(wings) = wings {
-                let far = spread(&wings, &fourier::wide_layout(grid, &wings)?)?;
-                plane.data.iter_mut().zip(&far.data).for_each(|(e, far)| *e += far);
+            let mut plane =
+                spread(&core, grid, &fourier::layout(grid, oversample, core.spread_um))?;
+            for wings in &wings {
+                let wide = Wide::new(grid, &[wings])?;
+                let far = spread(wings, &wide.grid, &wide.layout)?;
+                wide.add_to(&mut plane, &far);
             }
             plane
         }
         Blur::Field { psfs, .. } => {
             let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, grid, oversample);
-            let cells = cells_of(&layout)?;
+            let cells = cells_of(grid, &layout)?;
             let place =
                 Place { layout: &layout, pitch_mm: grid.pitch_um * 1e-3, axis_mm: lens.axis_mm() };
             let kernel_at = |x: f64, y: f64| {

@@ -230,7 +230,7 @@ mod tests {
         let lens = lens(camera, &Bands::VISIBLE, &Options::default()).unwrap();
         let mtf = match lens.blur(550.0) {
             Blur::Otf { core, wings } => {
-                (core.at)(100.0) + wings.map_or(0.0, |wings| (wings.at)(100.0))
+                (core.at)(100.0) + wings.iter().map(|wings| (wings.at)(100.0)).sum::<f64>()
             }
             Blur::Field { psfs, .. } => psfs.axial_mtf()(100.0),
         };

@@ -27,6 +27,7 @@ pub(super) mod source;
 pub mod stations;
 pub mod varying;
 mod warp;
+pub(super) mod wide;
 
 use camrig_base::{Error, Plane, Result};
 use camrig_scene::LitScene;
@@ -36,6 +37,7 @@ pub use over_field::{OverField, PlaneFunction};
 use sampling::Layout;
 use serde::{Deserialize, Serialize};
 pub use source::Border;
+use wide::Wide;
 
 /// A function of image height in mm.
 pub type RadialCurve<'a> = Box<dyn Fn(f64) -> f64 + Send + Sync + 'a>;
@@ -57,14 +59,14 @@ pub struct SensorGrid {
 /// How a lens blurs.
 pub enum Blur<'a> {
     /// The same everywhere: a real, rotationally symmetric optical transfer function. It is the
-    /// sum of a part that keeps the light close and a part for the little light that goes far, so
+    /// sum of a part that keeps the light close and of parts for the little light that goes far, so
     /// that wide margins and fine cells are never needed at once.
     Otf {
         /// Nearly all of the light; 1 at frequency 0.
         core: Otf<'a>,
-        /// What `core` lacks, smooth over a pixel or wider; 0 at frequency 0. It is followed for
-        /// half of the frame's longer side at most.
-        wings: Option<Otf<'a>>,
+        /// What `core` lacks, smooth over a pixel or wider, the nearest first; 0 at frequency 0.
+        /// They are followed for the longer side of the frame at most.
+        wings: Vec<Otf<'a>>,
     },
     /// Different over the field: point-spread functions by image height or place.
     Field {
@@ -205,7 +207,7 @@ pub fn irradiance(
             let job = Band { scene, band, lens, nm, grid, options };
             match lens.blur(nm) {
                 Blur::Otf { core, wings } => {
-                    job.through_otf(&core, wings.as_ref(), &mut buffers, &mut report)
+                    job.through_otf(&core, &wings, &mut buffers, &mut report)
                 }
                 Blur::Field { psfs, cutoff_per_mm } => {
                     job.through_field(&psfs, cutoff_per_mm, &mut field_state, &mut report)
@@ -254,17 +256,18 @@ impl Band<'_> {
     fn through_otf(
         &self,
         core: &Otf,
-        wings: Option<&Otf>,
+        wings: &[Otf<'_>],
         buffers: &mut fourier::Buffers,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
         let oversample = self.oversample(core.cutoff_per_mm, &core.at, report)?;
         let layout = fourier::layout(self.grid, oversample, core.spread_um);
         let mut plane = self.through_part(core, &layout, buffers, report)?;
-        if let Some(wings) = wings {
-            let layout = fourier::wide_layout(self.grid, wings)?;
-            let far = self.through_part(wings, &layout, buffers, report)?;
-            plane.data.iter_mut().zip(&far.data).for_each(|(e, far)| *e += far);
+        for wings in wings {
+            let wide = Wide::new(self.grid, &[wings])?;
+            let larger = Band { grid: &wide.grid, ..*self };
+            report.margin_pixels = report.margin_pixels.max(wide.margin_pixels());
+            wide.add_to(&mut plane, &larger.through_part(wings, &wide.layout, buffers, report)?);
         }
         Ok(plane)
     }

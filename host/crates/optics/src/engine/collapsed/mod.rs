@@ -26,6 +26,7 @@ use super::field::FallOff;
 use super::fourier::{self, Blurs, Buffers};
 use super::sampling::Layout;
 use super::source::{Source, Warp};
+use super::wide::Wide;
 use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixel};
 use camrig_base::{Bands, Error, Plane, Result};
 use camrig_scene::LitScene;
@@ -94,7 +95,6 @@ impl Mixture {
 
 /// A lens collapsed for a mixture and a sensor.
 pub struct Collapsed {
-    grid: SensorGrid,
     border: Border,
     pool: rayon::ThreadPool,
     parts: Vec<Part>,
@@ -111,13 +111,18 @@ struct Part {
 }
 
 enum PartBlur {
-    /// By transfer functions: of the core and of the wings, if any.
-    Otf(Vec<(Frame, Blurs)>, Buffers),
+    /// By transfer functions: of the core, and of the wings on larger pixels.
+    Otf {
+        core: (Frame, Blurs),
+        wings: Vec<(Wide, Frame, Blurs)>,
+        buffers: Buffers,
+    },
     Field(Frame, Box<FieldBlur>),
 }
 
 /// A padded frame, and where the lens finds the light of its cells.
 struct Frame {
+    grid: SensorGrid,
     layout: Layout,
     warp: Option<Arc<Warp>>,
 }
@@ -161,7 +166,7 @@ impl Collapsed {
                 .collect::<Result<Vec<Part>>>()
         })?;
         let lateral_um = lateral_mm * 1e3;
-        Ok(Self { grid: *grid, border: options.border, pool, parts, report, lateral_um })
+        Ok(Self { border: options.border, pool, parts, report, lateral_um })
     }
 
     /// What the engine did; errors of nodes are those of the first, middle and last band, lateral
@@ -184,8 +189,8 @@ impl Collapsed {
     /// # Errors
     /// A scene that cannot be rendered.
     pub fn channels(&mut self, components: &LitScene<'_>) -> Result<Vec<Plane<f32>>> {
-        let Self { grid, border, pool, parts, .. } = self;
-        let of_part = |part: &mut Part| part.channels(components, grid, *border);
+        let Self { border, pool, parts, .. } = self;
+        let of_part = |part: &mut Part| part.channels(components, *border);
         let all: Result<Vec<Vec<Plane<f32>>>> =
             pool.install(|| parts.par_iter_mut().map(of_part).collect());
         Ok(all?.into_iter().flatten().collect())
@@ -193,44 +198,26 @@ impl Collapsed {
 }
 
 impl Part {
-    fn channels(
-        &mut self,
-        components: &LitScene<'_>,
-        grid: &SensorGrid,
-        border: Border,
-    ) -> Result<Vec<Plane<f32>>> {
+    fn channels(&mut self, components: &LitScene<'_>, border: Border) -> Result<Vec<Plane<f32>>> {
         let used = &self.components;
-        let sources = |Frame { layout, warp }: &Frame| -> Vec<Source<'_>> {
+        let sources = |Frame { grid, layout, warp }: &Frame| -> Vec<Source<'_>> {
             let source = |&k| Source::new(components, k, warp.clone(), grid, layout, border);
             used.iter().map(source).collect()
         };
         let mut planes = match &mut self.blur {
-            PartBlur::Otf(blurs, buffers) => through_otfs(blurs, &sources, buffers)?,
+            PartBlur::Otf { core: (frame, blur), wings, buffers } => {
+                let mut planes = blur.run(&sources(frame), buffers)?;
+                for (wide, frame, blur) in wings {
+                    let far = blur.run(&sources(frame), buffers)?;
+                    planes.iter_mut().zip(&far).for_each(|(sum, far)| wide.add_to(sum, far));
+                }
+                planes
+            }
             PartBlur::Field(frame, blur) => blur.run(&frame.layout, &sources(frame))?,
         };
         planes.iter_mut().for_each(|plane| self.fall_off.apply(plane));
         Ok(planes)
     }
-}
-
-/// The sum of what passes the core and the wings.
-fn through_otfs<'s>(
-    blurs: &[(Frame, Blurs)],
-    sources: &dyn Fn(&Frame) -> Vec<Source<'s>>,
-    buffers: &mut Buffers,
-) -> Result<Vec<Plane<f32>>> {
-    let mut sum: Vec<Plane<f32>> = Vec::new();
-    for (frame, blur) in blurs {
-        let planes = blur.run(&sources(frame), buffers)?;
-        if sum.is_empty() {
-            sum = planes;
-            continue;
-        }
-        for (sum, plane) in sum.iter_mut().zip(&planes) {
-            sum.data.iter_mut().zip(&plane.data).for_each(|(s, v)| *s += v);
-        }
-    }
-    Ok(sum)
 }
 
 /// The collapse of some channels that share a mapping.
@@ -251,21 +238,33 @@ impl Job<'_> {
         let otfs: Option<Vec<_>> = blurs
             .iter()
             .map(|blur| match blur {
-                Blur::Otf { core, wings } => Some((core, wings.as_ref())),
+                Blur::Otf { core, wings } => Some((core, wings.as_slice())),
                 Blur::Field { .. } => None,
             })
             .collect();
-        let frame =
-            |layout: Layout| Frame { layout, warp: Warp::new(self.lens, nm, self.grid, &layout) };
+        let frame = |grid: &SensorGrid, layout: Layout| Frame {
+            grid: *grid,
+            layout,
+            warp: Warp::new(self.lens, nm, grid, &layout),
+        };
         let blur = match otfs {
             Some(otfs) => {
-                let blurs = self.otfs(&otfs, &mappings, report)?.into_iter();
-                let blurs = blurs.map(|(layout, blur)| (frame(layout), blur)).collect();
-                PartBlur::Otf(blurs, Buffers::default())
+                let gains = self.gains(&mappings)?;
+                let (layout, blur) = self.core(&otfs, &gains, report)?;
+                let wings = self.wings(&otfs, &gains, report)?.into_iter();
+                let on_wide = |(wide, blur): (Wide, Blurs)| {
+                    let frame = frame(&wide.grid, wide.layout);
+                    (wide, frame, blur)
+                };
+                PartBlur::Otf {
+                    core: (frame(self.grid, layout), blur),
+                    wings: wings.map(on_wide).collect(),
+                    buffers: Buffers::default(),
+                }
             }
             None => {
                 let (layout, blur) = self.field(&blurs, &mappings, report)?;
-                PartBlur::Field(frame(layout), Box::new(blur))
+                PartBlur::Field(frame(self.grid, layout), Box::new(blur))
             }
         };
         let fall_off = FallOff::new(self.lens, nm, self.grid);
@@ -288,13 +287,8 @@ impl Job<'_> {
         Ok(most)
     }
 
-    /// Transfer functions of every channel for every component.
-    fn otfs(
-        &self,
-        bands: &[(&Otf<'_>, Option<&Otf<'_>>)],
-        mappings: &[Mapping<'_>],
-        report: &mut Report,
-    ) -> Result<Vec<(Layout, Blurs)>> {
+    /// The light of each band over that of the mapping; the mapping is the same for all.
+    fn gains(&self, mappings: &[Mapping<'_>]) -> Result<Vec<f64>> {
         let places = mapping::places(self.grid, self.lens.axis_mm());
         let varies = |m: &Mapping<'_>| !places.iter().all(|&place| m.is_same(place));
         if mappings.iter().any(varies) {
@@ -303,7 +297,16 @@ impl Job<'_> {
             )
             .help("compute it band by band"));
         }
-        let gains: Vec<f64> = mappings.iter().map(|m| m.gain((0.0, 0.0))).collect();
+        Ok(mappings.iter().map(|m| m.gain((0.0, 0.0))).collect())
+    }
+
+    /// Transfer functions of every channel for every component, of the light that stays close.
+    fn core(
+        &self,
+        bands: &[(&Otf<'_>, &[Otf<'_>])],
+        gains: &[f64],
+        report: &mut Report,
+    ) -> Result<(Layout, Blurs)> {
         let cores: Vec<&Otf<'_>> = bands.iter().map(|(core, _)| *core).collect();
         let finest: Vec<(f64, &dyn Fn(f64) -> f64)> = cores
             .iter()
@@ -312,48 +315,41 @@ impl Job<'_> {
         let s = self.cells(&finest, report)?;
         let spread = cores.iter().fold(0.0f64, |m, core| m.max(core.spread_um));
         let layout = fourier::layout(self.grid, s, spread);
-        let cores: Vec<Vec<&Otf<'_>>> = cores.into_iter().map(|core| vec![core]).collect();
-        let wings: Vec<Vec<&Otf<'_>>> =
-            bands.iter().map(|(_, w)| w.iter().copied().collect()).collect();
-        let plans = match self.wide_layout(&wings)? {
-            None => vec![(layout, cores)],
-            // Cells of one size: one blur for both.
-            Some(wide) if wide.oversample >= s && wide.margin >= layout.margin => {
-                vec![(wide, std::iter::zip(cores, wings).map(|(a, b)| [a, b].concat()).collect())]
-            }
-            Some(wide) => vec![(layout, cores), (wide, wings)],
+        report.margin_pixels = report.margin_pixels.max(layout.margin);
+        Ok((layout, self.blurs(&cores, gains, self.grid, &layout)))
+    }
+
+    /// The same of the light that goes far, part by part.
+    fn wings(
+        &self,
+        bands: &[(&Otf<'_>, &[Otf<'_>])],
+        gains: &[f64],
+        report: &mut Report,
+    ) -> Result<Vec<(Wide, Blurs)>> {
+        let parts = bands.iter().map(|(_, wings)| wings.len()).min().unwrap_or(0);
+        let part = |k: usize| {
+            let wings: Vec<&Otf<'_>> = bands.iter().map(|(_, wings)| &wings[k]).collect();
+            let wide = Wide::new(self.grid, &wings)?;
+            report.margin_pixels = report.margin_pixels.max(wide.margin_pixels());
+            let blurs = self.blurs(&wings, gains, &wide.grid, &wide.layout);
+            Ok((wide, blurs))
         };
-        let blurs: Vec<(Layout, Blurs)> = plans
-            .into_iter()
-            .map(|(layout, parts)| (layout, self.blurs(&parts, &gains, &layout)))
-            .collect();
-        for (layout, _) in &blurs {
-            report.margin_pixels = report.margin_pixels.max(layout.margin);
-        }
-        Ok(blurs)
+        (0..parts).map(part).collect()
     }
 
-    /// The padded frame for the wings of every band; none where there are no wings.
-    fn wide_layout(&self, wings: &[Vec<&Otf<'_>>]) -> Result<Option<Layout>> {
-        let all = || wings.iter().flatten().copied();
-        let furthest = all().max_by(|a, b| a.spread_um.total_cmp(&b.spread_um));
-        let Some(furthest) = furthest else { return Ok(None) };
-        let mut wide = fourier::wide_layout(self.grid, furthest)?;
-        for other in all() {
-            let finer = fourier::wide_layout(self.grid, other)?.oversample;
-            wide.oversample = wide.oversample.max(finer);
-        }
-        Ok(Some(wide))
-    }
-
-    /// Σ_λ weight · OTF for every channel and component, the OTF of a band being the sum of its
-    /// parts.
-    fn blurs(&self, bands: &[Vec<&Otf<'_>>], gains: &[f64], layout: &Layout) -> Blurs {
+    /// Σ_λ weight · OTF for every channel and component.
+    fn blurs(
+        &self,
+        bands: &[&Otf<'_>],
+        gains: &[f64],
+        grid: &SensorGrid,
+        layout: &Layout,
+    ) -> Blurs {
         let geometry = fourier::Geometry {
             layout,
-            pitch_um: self.grid.pitch_um,
-            aperture_um: self.grid.aperture_um(),
-            cutoff_per_mm: bands.iter().flatten().fold(0.0, |m, otf| otf.cutoff_per_mm.max(m)),
+            pitch_um: grid.pitch_um,
+            aperture_um: grid.aperture_um(),
+            cutoff_per_mm: bands.iter().fold(0.0, |m, otf| otf.cutoff_per_mm.max(m)),
         };
         type Sum<'s> = Box<dyn Fn(f64) -> f64 + Send + Sync + 's>;
         let sum = |weights: &'_ [f64]| -> Vec<(usize, f64)> {
@@ -369,8 +365,8 @@ impl Job<'_> {
                     let terms = sum(weights);
                     Box::new(move |f| {
                         let of_band = |&(i, weight): &(usize, f64)| {
-                            let passed = bands[i].iter().filter(|o| f <= o.cutoff_per_mm);
-                            weight * passed.map(|o| (o.at)(f)).sum::<f64>()
+                            let passes = f <= bands[i].cutoff_per_mm;
+                            if passes { weight * (bands[i].at)(f) } else { 0.0 }
                         };
                         terms.iter().map(of_band).sum()
                     })

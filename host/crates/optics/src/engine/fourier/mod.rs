@@ -19,19 +19,15 @@ mod pixels;
 mod spectrum;
 mod transfer;
 
-use super::sampling::{self, Layout};
+use super::SensorGrid;
+use super::sampling::Layout;
 use super::source::Source;
-use super::{Otf, SensorGrid};
 use camrig_base::{Plane, Result};
 use camrig_fourier::lanes::{Fft, Lanes, Split};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 use spectrum::{Alias, Aliases, Spectrum};
 use transfer::{Axis, Transfer};
-
-/// Bound on the error at a sharp step that the cells under the wings of an OTF may cause, relative
-/// to the step.
-const WINGS_ERROR: f64 = 2e-4;
 
 /// The spatial side of one band: sizes in µm, frequencies in cycles/mm.
 pub struct Geometry<'a> {
@@ -51,19 +47,6 @@ pub fn layout(grid: &SensorGrid, oversample: usize, spread_um: f64) -> Layout {
     // frequency, causes.
     const RINGING_PIXELS: f64 = 4.0;
     Layout::new(grid, oversample, spread_um + RINGING_PIXELS * grid.pitch_um)
-}
-
-/// The padded frame for the wings of an OTF. The light that they move across a pixel's cells may
-/// be wrong by `WINGS_ERROR` of a step in the scene.
-///
-/// # Errors
-/// When no grid keeps that.
-pub fn wide_layout(grid: &SensorGrid, wings: &Otf) -> Result<Layout> {
-    let (pitch, aperture) = (grid.pitch_um, grid.aperture_um());
-    let (oversample, _) =
-        sampling::oversample(WINGS_ERROR, pitch, aperture, wings.cutoff_per_mm, &wings.at)?;
-    let furthest = 0.5 * grid.width.max(grid.height) as f64 * pitch;
-    Ok(layout(grid, oversample, wings.spread_um.min(furthest)))
 }
 
 /// Bytes that the values of transfer functions may take that are kept.
