@@ -95,9 +95,13 @@ pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
 /// Reach of the core in λN: 0.2 % of a line's light lies beyond on each side ([`Wings`]), of which
 /// a tenth stays with the core.
 const CORE_REACH: f64 = 32.0;
-/// Reach of the wings over that of what they are the wings of: light beyond it is a sixteenth of
-/// what leaves that.
-const WINGS_REACH: f64 = 16.0;
+/// Where the wings begin, in reaches of the core.
+const WINGS_FROM: [f64; 3] = [1.0, 4.0, 32.0];
+/// How far wings are followed, over where the next begin: there the next have all but 3 % of the
+/// light.
+const WINGS_OVERLAP: f64 = 4.0;
+/// Reach of the last, in reaches of the core.
+const WINGS_END: f64 = 256.0;
 /// Reciprocal of the share of the light beyond the frequency up to which the wings are followed.
 const WINGS_CUTOFF: f64 = 1e5;
 
@@ -164,26 +168,23 @@ impl Lens for Diffraction {
         // The geometric blur circle of defocus comes on top.
         let spread_um =
             CORE_REACH * lambda_n_um + self.defocus_um.abs() / (2.0 * self.working_f_number());
-        let near = Wings::new(lambda_n_um, spread_um);
-        let far = Wings::new(lambda_n_um, WINGS_REACH * spread_um);
+        let wings = WINGS_FROM.map(|from| Wings::new(lambda_n_um, from * spread_um));
+        let part = |k: usize| {
+            let (own, next) = (wings[k], wings.get(k + 1).copied());
+            let reach = WINGS_FROM.get(k + 1).map_or(WINGS_END, |from| WINGS_OVERLAP * from);
+            Otf {
+                cutoff_per_mm: own.cutoff_per_mm(),
+                spread_um: reach * spread_um,
+                at: Box::new(move |f| own.otf(f) - next.map_or(0.0, |next| next.otf(f))),
+            }
+        };
         Blur::Otf {
             core: Otf {
                 cutoff_per_mm: self.cutoff_per_mm(nm),
                 spread_um,
-                at: Box::new(move |f| self.otf(nm, f) - near.otf(f)),
+                at: Box::new(move |f| self.otf(nm, f) - wings[0].otf(f)),
             },
-            wings: vec![
-                Otf {
-                    cutoff_per_mm: near.cutoff_per_mm(),
-                    spread_um: WINGS_REACH * spread_um,
-                    at: Box::new(move |f| near.otf(f) - far.otf(f)),
-                },
-                Otf {
-                    cutoff_per_mm: far.cutoff_per_mm(),
-                    spread_um: WINGS_REACH * WINGS_REACH * spread_um,
-                    at: Box::new(move |f| far.otf(f)),
-                },
-            ],
+            wings: (0..wings.len()).map(part).collect(),
         }
     }
 }

@@ -444,12 +444,14 @@ fn light_far_from_an_edge_is_what_diffraction_spreads() {
             let sum: f64 = table.iter().map(|(f, v)| v * (2.0 * PI * f * d_mm).sin()).sum();
             0.5 - sum / PI * cutoff / f64::from(steps)
         };
-        // What core and near wings fold, a tenth of the tail beyond each, and all of it beyond where
-        // the wings end, a frame away or at 256 times as much.
+        // What the core folds, a tenth of the tail beyond 32 λN, what the first wings do, a
+        // hundredth, and all of the tail beyond where the last end, a frame away or at 256 times
+        // as much.
         let lambda_n_um = 0.55 * f_number;
         let core_um = 32.0 * lambda_n_um + defocus_um / (2.0 * f_number);
         let tail_beyond = |x_um: f64| 2.0 * lambda_n_um / (PI.powi(3) * x_um);
-        let bound = 0.1 * (tail_beyond(32.0 * lambda_n_um) + tail_beyond(16.0 * core_um))
+        let bound = 0.1 * tail_beyond(32.0 * lambda_n_um)
+            + 0.01 * tail_beyond(16.0 * core_um)
             + tail_beyond((256.0 * core_um).min(400.0 * grid.pitch_um));
         for pixels in [5usize, 10, 20, 40, 80, 120, 160] {
             let theory = tail((pixels as f64 + 0.5) * grid.pitch_um * 1e-3);
