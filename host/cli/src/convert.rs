@@ -254,10 +254,12 @@ fn output_format(args: &Args) -> Result<Format> {
 }
 
 fn csi2_options(args: &Args, count: usize, bits: Option<u32>, input: &[u8]) -> csi2::Options {
-    /// CCS register of the frame counter, one byte.
-    const FRAME_COUNT: u16 = 0x0005;
     let bits = bits.unwrap_or(u16::BITS);
-    let line = |frame: usize| vec![csi2::ccs_line(&[(FRAME_COUNT, (frame % 255) as u8)], bits)];
+    let line = |frame: usize| {
+        let mut line = csi2::Embedded::default();
+        line.put(csi2::address::FRAME_COUNT, &[(frame % 255) as u8]);
+        vec![line.line(bits)]
+    };
     csi2::Options {
         virtual_channel: args.virtual_channel.filter(|_| !is_packets(input)).unwrap_or(0),
         line_packets: args.line_packets,

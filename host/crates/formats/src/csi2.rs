@@ -15,7 +15,7 @@ mod packet;
 mod read;
 mod write;
 
-pub use embedded::ccs_line;
+pub use embedded::{Embedded, address};
 pub use packet::{Packet, Packets, checksum, ecc};
 pub use read::{Channel, Stream, decode, decode_channel, decode_stream};
 pub(super) use read::{is_stream, is_wide};

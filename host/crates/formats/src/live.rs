@@ -293,7 +293,7 @@ mod tests {
         let mut encoder = encoder("csi2");
         let beside = Beside {
             number: Some(7),
-            embedded: vec![csi2::ccs_line(&[(5, 1)], 10)],
+            embedded: vec![csi2::Embedded::of_frame(0.01, 1.0, 1).line(10)],
             line_packets: true,
             ..Beside::default()
         };

@@ -2,53 +2,22 @@
 //! frame to undo merge and curve.
 
 use camrig_camera::hdr::{Hdr, HdrOutput};
-use camrig_formats::csi2;
+use camrig_formats::csi2::{self, Embedded, address};
 use camrig_sensor_core::config::FrameSettings;
-
-/// Registers of MIPI CCS, and of its range for manufacturers: numbers of several bytes have the
-/// most significant first; times and gains are IEEE 754 floats of 32 bits.
-mod address {
-    /// Frame counter, 8 bits.
-    pub const FRAME_COUNT: u16 = 0x0005;
-    /// Exposure of the frame, s; float.
-    pub const EXPOSURE_S: u16 = 0x3200;
-    /// Analog gain of the frame; float.
-    pub const ANALOG_GAIN: u16 = 0x3204;
-    /// Frame number, 32 bits.
-    pub const FRAME: u16 = 0x3208;
-    /// What is sent (0 companded, 1 linear, 2 captures), number of captures, bits of the linear
-    /// signal; 8 bits each.
-    pub const OUTPUT: u16 = 0x3210;
-    /// Pedestal of the linear signal, 32 bits.
-    pub const PEDESTAL: u16 = 0x3214;
-    /// CRC-16 (that of packets) of the lowest linear number of each code in turn, 32 bits each:
-    /// which curve it is. 0 without a curve.
-    pub const CURVE: u16 = 0x3218;
-    /// First register of the first capture; those of the next follow [`PER_CAPTURE`] further.
-    pub const CAPTURE: u16 = 0x3220;
-    /// Registers of a capture: exposure, s (float); analog gain (float); linear numbers per code
-    /// in 1/256 (32 bits); black level (16 bits); virtual channel (8 bits); bits (8 bits).
-    pub const PER_CAPTURE: u16 = 16;
-}
 
 /// The line of a frame with these settings, for image lines of `bits` bits.
 pub fn embedded_line(hdr: &Hdr, settings: &FrameSettings, bits: u32) -> Vec<u8> {
-    let mut registers = Vec::new();
-    let mut put = |address: u16, bytes: &[u8]| {
-        registers.extend((address..).zip(bytes.iter().copied()));
-    };
-    put(address::FRAME_COUNT, &[settings.frame as u8]);
-    put(address::EXPOSURE_S, &settings.exposure_s.to_be_bytes());
-    put(address::ANALOG_GAIN, &settings.analog_gain.to_be_bytes());
-    put(address::FRAME, &settings.frame.to_be_bytes());
+    let FrameSettings { exposure_s, analog_gain, frame, .. } = *settings;
+    let mut line = Embedded::of_frame(exposure_s, analog_gain, frame);
+    line.put(address::FRAME_COUNT, &[frame as u8]); // CCS counts in 8 bits
     let output = match hdr.output {
         HdrOutput::Companded => 0,
         HdrOutput::Linear => 1,
         _ => 2,
     };
-    put(address::OUTPUT, &[output, hdr.captures.len() as u8, hdr.linear_bits() as u8]);
-    put(address::PEDESTAL, &hdr.merge.pedestal_dn().to_be_bytes());
-    put(address::CURVE, &curve(hdr).to_be_bytes());
+    line.put(address::OUTPUT, &[output, hdr.captures.len() as u8, hdr.linear_bits() as u8]);
+    line.put(address::PEDESTAL, &hdr.merge.pedestal_dn().to_be_bytes());
+    line.put(address::CURVE, &curve(hdr).to_be_bytes());
     for (place, capture) in (0..).zip(&hdr.captures) {
         let own = hdr.settings(capture, settings);
         let bytes = [
@@ -58,9 +27,9 @@ pub fn embedded_line(hdr: &Hdr, settings: &FrameSettings, bits: u32) -> Vec<u8> 
             &capture.black_level_dn.to_be_bytes(),
             &[capture.virtual_channel, capture.bits],
         ];
-        put(address::CAPTURE + place * address::PER_CAPTURE, &bytes.concat());
+        line.put(address::CAPTURE + place * address::PER_CAPTURE, &bytes.concat());
     }
-    csi2::ccs_line(&registers, bits)
+    line.line(bits)
 }
 
 /// Which curve the codes are on.

@@ -14,7 +14,7 @@ use camrig_exposure::IrradianceCube;
 use camrig_exposure::{Arithmetic, SimulatedSensor};
 use camrig_firmware_sim::camera;
 use camrig_firmware_sim::rig::frame_shape;
-use camrig_formats::csi2;
+use camrig_formats::csi2::{self, Embedded};
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
     Before, Capabilities, Codec, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack,
@@ -39,15 +39,6 @@ const REOPEN_WAIT: Duration = Duration::from_millis(200);
 const REOPEN_PATIENCE: Duration = Duration::from_secs(20);
 /// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW16).
 const RAW_BITS: [u8; 5] = [8, 10, 12, 14, 16];
-/// Addresses of the embedded data line in CCS's manufacturer-specific range: the settings of a
-/// frame.
-mod embedded {
-    pub const EXPOSURE_S: u16 = 0x3200;
-    pub const ANALOG_GAIN: u16 = 0x3204;
-    pub const FRAME: u16 = 0x3208;
-    pub const SEED: u16 = 0x320c;
-}
-
 /// Registers that inject a fault or a test pattern, and their names.
 const INJECTING: [(u16, &str); 2] =
     [(address::FAULT, "fault"), (address::TEST_PATTERN, "test pattern")];
@@ -693,29 +684,22 @@ pub(super) fn whole_lines(exposure_s: f64, line_ns: u32) -> Option<u16> {
 
 impl RigFrame {
     /// The frame's embedded data line (CCS tagged data) with its settings.
-    /// Exposure (s) and gain as f32, frame number and seed as integers, most significant byte
-    /// first, at the manufacturer-specific addresses 0x3200, 0x3204, 0x3208 and 0x320c; the
-    /// registers that CCS has at their own. Exposure in lines and gain code are among them if
-    /// registers decided.
+    /// The settings are at the addresses of [`csi2::address`], the registers that CCS has at their
+    /// own; exposure in lines and gain code are among them if registers decided.
     pub fn embedded_line(&self) -> Vec<u8> {
         let start = &self.start;
-        let mut registers = Vec::new();
-        let mut push = |address: u16, bytes: &[u8]| {
-            registers.extend((address..).zip(bytes.iter().copied()));
-        };
-        push(address::MODEL_ID, &MODEL_ID.to_be_bytes());
-        push(address::FRAME_COUNT, &[start.counter as u8]); // CCS counts in 8 bits
+        let Exposure { exposure_s, analog_gain, .. } = start.exposure;
+        let mut line = Embedded::of_frame(exposure_s, analog_gain, start.frame);
+        line.put(address::MODEL_ID, &MODEL_ID.to_be_bytes());
+        line.put(address::FRAME_COUNT, &[start.counter as u8]); // CCS counts in 8 bits
         if let Some(lines) = self.lines {
-            let code = (start.exposure.analog_gain * f32::from(UNITY_GAIN_CODE)) as u16; // exact
-            push(address::COARSE_INTEGRATION_TIME, &lines.to_be_bytes());
-            push(address::ANALOG_GAIN, &code.to_be_bytes());
+            let code = (analog_gain * f32::from(UNITY_GAIN_CODE)) as u16; // exact
+            line.put(address::COARSE_INTEGRATION_TIME, &lines.to_be_bytes());
+            line.put(address::ANALOG_GAIN, &code.to_be_bytes());
         }
-        push(address::TEST_PATTERN, &start.test_pattern.to_be_bytes());
-        push(embedded::EXPOSURE_S, &start.exposure.exposure_s.to_be_bytes());
-        push(embedded::ANALOG_GAIN, &start.exposure.analog_gain.to_be_bytes());
-        push(embedded::FRAME, &start.frame.to_be_bytes());
-        push(embedded::SEED, &start.seed.to_be_bytes());
-        csi2::ccs_line(&registers, self.packing.bits())
+        line.put(address::TEST_PATTERN, &start.test_pattern.to_be_bytes());
+        line.put(csi2::address::SEED, &start.seed.to_be_bytes());
+        line.line(self.packing.bits())
     }
 
     /// What the rig did to the samples on request, in words: a fault or a test pattern.

@@ -20,7 +20,7 @@ fn a_stream_is_laid_out_as_specified() {
 
 #[test]
 fn embedded_lines_channels_and_line_packets_come_back() {
-    let line = ccs_line(&[(0x0005, 7), (0x0202, 1), (0x0203, 2)], 10);
+    let line = Embedded::of_frame(0.01, 2.0, 7).line(10);
     let options = Options {
         virtual_channel: 2,
         line_packets: true,
@@ -86,7 +86,7 @@ fn channels_are_taken_apart() {
         bits: 10,
         virtual_channel,
         late_rows,
-        embedded: vec![ccs_line(&[(5, 9)], 10)],
+        embedded: vec![Embedded::of_frame(0.02, 1.0, 9).line(10)],
     };
     let both = [sent(long, 0, 0), sent(&short, 1, 2)];
     let mut bytes = encode_together(&both, 9, false).unwrap();
