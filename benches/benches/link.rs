@@ -11,6 +11,7 @@ use camrig::rig::emulator::{self, Emulator};
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
 use camrig::rig::{FrameRequest, Rig, hid, serial, serve};
+use camrig::scene::Bands;
 use camrig_firmware_sim::rig::frame_shape;
 use camrig_rig_link::device::Model;
 use camrig_rig_link::framing::Framing;
@@ -48,19 +49,11 @@ fn camera(height: usize) -> Camera {
 /// Irradiance from dark at the left to most of the full well at the right, different in each band
 /// and row.
 fn cube(height: usize, bands: usize) -> IrradianceCube {
-    let header = CubeHeader {
-        width: WIDTH,
-        height,
-        first_band_nm: 400.0,
-        band_step_nm: 300.0 / bands as f64,
-        bands,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: "bench".into(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new(
+        (WIDTH, height),
+        &Bands { start_nm: 400.0, step_nm: 300.0 / bands as f64, count: bands },
+        "bench",
+    );
     let mut writer = IrradianceWriter::new(header).unwrap();
     for band in 0..bands {
         let plane = Plane::from_fn(WIDTH, height, |x, y| {

@@ -3,6 +3,7 @@
 use camrig::Plane;
 use camrig::exposure::rows::{self as product, BandSums, Vector};
 use camrig::exposure::{Chunk, CubeHeader, IrradianceCube, IrradianceWriter};
+use camrig::scene::Bands;
 use camrig_sensor_core::arith::{BLOCK, Block, Float};
 use camrig_sensor_core::config::{FrameSettings, Pattern, SensorConfig};
 use camrig_sensor_core::crosstalk::Crosstalk;
@@ -100,19 +101,11 @@ pub fn spectral_config(width: u32, height: u32, effects: &[Effect]) -> SensorCon
 
 /// Irradiance for some 4000 e⁻ in the brightest column.
 pub fn cube(width: usize, height: usize) -> IrradianceCube {
-    let header = CubeHeader {
-        width,
-        height,
-        first_band_nm: 400.0,
-        band_step_nm: 10.0,
-        bands: BANDS,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: "ramp".into(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new(
+        (width, height),
+        &Bands { start_nm: 400.0, step_nm: 10.0, count: BANDS },
+        "ramp",
+    );
     let ramp = Plane::from_fn(width, height, |x, _| 6.4e-3 * x as f32 / width as f32);
     let mut writer = IrradianceWriter::new(header).expect("valid header");
     (0..BANDS).for_each(|_| writer.push(&ramp).expect("a plane of the header's size"));

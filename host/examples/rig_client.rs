@@ -5,6 +5,7 @@
 
 use camrig::exposure::CubeHeader;
 use camrig::prelude::*;
+use camrig::scene::Bands;
 
 fn main() -> Result<()> {
     let address = std::env::args().nth(1).unwrap_or_else(|| "emulator:".into());
@@ -12,19 +13,11 @@ fn main() -> Result<()> {
 
     // Even irradiance of 10 µW m⁻² nm⁻¹ in three bands; `examples/simulate.rs` makes that of a
     // scene.
-    let header = CubeHeader {
-        width: 320,
-        height: 240,
-        first_band_nm: 450.0,
-        band_step_nm: 100.0,
-        bands: 3,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: "even light".into(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new(
+        (320, 240),
+        &Bands { start_nm: 450.0, step_nm: 100.0, count: 3 },
+        "even light",
+    );
     let cube = IrradianceCube::uniform(header, &[1e-5; 3])?;
     let sensor = SimulatedSensor::new(&camera, &cube.header)?;
 

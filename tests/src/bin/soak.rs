@@ -14,6 +14,7 @@ use camrig::render::{CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSens
 use camrig::rig::emulator::Emulator;
 use camrig::rig::transport::{ByteLink, Transport};
 use camrig::rig::{FrameRequest, Rig, Url, serve};
+use camrig::scene::Bands;
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
 use camrig_tests::Pipe;
@@ -125,19 +126,11 @@ fn camera() -> camrig::Result<Camera> {
 
 /// From dark to about half of the full well.
 fn cube() -> camrig::Result<IrradianceCube> {
-    let mut writer = IrradianceWriter::new(CubeHeader {
-        width: SIDE,
-        height: SIDE,
-        first_band_nm: 400.0,
-        band_step_nm: 300.0 / BANDS as f64,
-        bands: BANDS,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: "soak".into(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    })?;
+    let mut writer = IrradianceWriter::new(CubeHeader::new(
+        (SIDE, SIDE),
+        &Bands { start_nm: 400.0, step_nm: 300.0 / BANDS as f64, count: BANDS },
+        "soak",
+    ))?;
     for band in 0..BANDS {
         let value = |x: usize, y: usize| 2e-3 * ((x + y + band) % SIDE) as f32 / SIDE as f32;
         writer.push(&Plane::from_fn(SIDE, SIDE, value))?;

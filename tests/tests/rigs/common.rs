@@ -60,19 +60,7 @@ pub fn cube(camera: &Camera, bands: Bands) -> IrradianceCube {
 /// The same with `darkest` of 101 steps up to the brightest as the least.
 fn cube_from(camera: &Camera, bands: Bands, darkest: usize) -> IrradianceCube {
     let (width, height) = (camera.sensor.width as usize, camera.sensor.height as usize);
-    let header = CubeHeader {
-        width,
-        height,
-        first_band_nm: bands.start_nm,
-        band_step_nm: bands.step_nm,
-        bands: bands.count,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: "test".into(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new((width, height), &bands, "test");
     let mut writer = IrradianceWriter::new(header).unwrap();
     for band in 0..bands.count {
         let plane = Plane::from_fn(width, height, |x, y| {

@@ -6,6 +6,7 @@ use camrig::render::{CubeHeader, IrradianceCube, IrradianceWriter, SimulatedSens
 use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
 use camrig::rig::{FrameRequest, Rig, Url, emulator, hid, serial};
+use camrig::scene::Bands;
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
 
@@ -13,19 +14,11 @@ const WIDTH: usize = 1920;
 const HEIGHT: usize = 32;
 
 fn cube(bands: usize) -> IrradianceCube {
-    let header = CubeHeader {
-        width: WIDTH,
-        height: HEIGHT,
-        first_band_nm: 400.0,
-        band_step_nm: 300.0 / bands as f64,
-        bands,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: "test".into(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new(
+        (WIDTH, HEIGHT),
+        &Bands { start_nm: 400.0, step_nm: 300.0 / bands as f64, count: bands },
+        "test",
+    );
     let mut writer = IrradianceWriter::new(header).unwrap();
     for band in 0..bands {
         let light = |x: usize, y: usize| 1e-3 * ((x * 7 + y * 3 + band) % 100) as f32;

@@ -44,19 +44,7 @@ fn every_preset_gives_the_mean_of_its_parameters() {
     for mut camera in cameras {
         let name = camera.name.clone();
         (camera.sensor.width, camera.sensor.height) = (SIDE as u32, SIDE as u32);
-        let header = CubeHeader {
-            width: SIDE,
-            height: SIDE,
-            first_band_nm: bands.start_nm,
-            band_step_nm: bands.step_nm,
-            bands: bands.count,
-            level: 1.0,
-            lux: None,
-            illuminant: None,
-            made_of: String::new(),
-            light: Vec::new(),
-            made_for: Default::default(),
-        };
+        let header = CubeHeader::new((SIDE, SIDE), &bands, "");
         let s = &camera.sensor;
         let exposure_s = 0.01;
         let responses: Vec<f64> = s.response(&bands).iter().map(|r| r.iter().sum()).collect();

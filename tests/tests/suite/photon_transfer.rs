@@ -37,19 +37,11 @@ impl Bench<'_> {
     fn flat(&self, mean_e: f64) -> Vec<f64> {
         let bands = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
         let per_unit = self.camera.sensor.response(&bands)[0][0] * EXPOSURE_S;
-        let header = CubeHeader {
-            width: WIDTH as usize,
-            height: HEIGHT as usize,
-            first_band_nm: bands.start_nm,
-            band_step_nm: bands.step_nm,
-            bands: 1,
-            level: 1.0,
-            lux: None,
-            illuminant: None,
-            made_of: String::new(),
-            light: Vec::new(),
-            made_for: Default::default(),
-        };
+        let header = CubeHeader::new(
+            (WIDTH as usize, HEIGHT as usize),
+            &Bands { start_nm: bands.start_nm, step_nm: bands.step_nm, count: 1 },
+            "",
+        );
         let cube = IrradianceCube::uniform(header, &[(mean_e / per_unit) as f32]).unwrap();
         let sensor = SimulatedSensor::new(self.camera, &cube.header).unwrap();
         let settings =

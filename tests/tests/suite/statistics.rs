@@ -29,19 +29,7 @@ fn figures(name: &str, arithmetic: Arithmetic) -> String {
     camera.sensor.width = SIDE as u32;
     camera.sensor.height = SIDE as u32;
     let bands = Bands::VISIBLE;
-    let header = CubeHeader {
-        width: SIDE,
-        height: SIDE,
-        first_band_nm: bands.start_nm,
-        band_step_nm: bands.step_nm,
-        bands: bands.count,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: String::new(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new((SIDE, SIDE), &bands, "");
     // Equal irradiance in all bands that half fills the green pixels in 10 ms.
     let exposure_s = 0.01;
     let green: f64 = camera.sensor.response(&bands)[1].iter().sum();

@@ -9,7 +9,7 @@
 
 use super::take::{electrons_per_second, facts};
 use camrig_base::output::OutputDir;
-use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_base::{Bands, Error, Plane, RawFrame, Result};
 use camrig_camera::{Camera, LensKind};
 use camrig_captures::manifest::ManifestWriter;
 use camrig_captures::{Capture, Light, Role, Rotation, Scan, Uniformity};
@@ -159,19 +159,11 @@ fn filtered(camera: &Camera, nm: f64, irradiance_w_m2: f64) -> Result<Irradiance
         })
         .collect();
     let sum: f64 = shape.iter().sum::<f64>() * step;
-    let header = CubeHeader {
-        width: camera.sensor.width as usize,
-        height: camera.sensor.height as usize,
-        first_band_nm: nm - 2.0 * step,
-        band_step_nm: step,
-        bands: shape.len(),
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: format!("parallel light through a filter at {nm} nm"),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new(
+        (camera.sensor.width as usize, camera.sensor.height as usize),
+        &Bands { start_nm: nm - 2.0 * step, step_nm: step, count: shape.len() },
+        format!("parallel light through a filter at {nm} nm"),
+    );
     let bands: Vec<f32> = shape.iter().map(|s| (irradiance_w_m2 * s / sum) as f32).collect();
     IrradianceCube::uniform(header, &bands)
 }

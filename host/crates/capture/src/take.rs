@@ -220,19 +220,11 @@ pub fn uniform(
     width_nm: f64,
     irradiance_w_m2: f64,
 ) -> Result<IrradianceCube> {
-    let header = CubeHeader {
-        width: camera.sensor.width as usize,
-        height: camera.sensor.height as usize,
-        first_band_nm: centre_nm,
-        band_step_nm: width_nm,
-        bands: 1,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: format!("even light of {irradiance_w_m2:e} W/m² at {centre_nm} nm"),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header = CubeHeader::new(
+        (camera.sensor.width as usize, camera.sensor.height as usize),
+        &Bands { start_nm: centre_nm, step_nm: width_nm, count: 1 },
+        format!("even light of {irradiance_w_m2:e} W/m² at {centre_nm} nm"),
+    );
     IrradianceCube::uniform(header, &[(irradiance_w_m2 / width_nm) as f32])
 }
 

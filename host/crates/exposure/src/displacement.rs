@@ -136,22 +136,12 @@ impl Block {
 mod tests {
     use super::super::{CubeHeader, IrradianceWriter};
     use super::*;
+    use camrig_base::Bands;
 
     /// One band of a scene's light.
     fn cube(value: impl Fn(f64, f64) -> f64) -> IrradianceCube {
-        let header = CubeHeader {
-            width: 96,
-            height: 64,
-            first_band_nm: 500.0,
-            band_step_nm: 50.0,
-            bands: 1,
-            level: 1.0,
-            lux: None,
-            illuminant: None,
-            made_of: String::new(),
-            light: Vec::new(),
-            made_for: Default::default(),
-        };
+        let header =
+            CubeHeader::new((96, 64), &Bands { start_nm: 500.0, step_nm: 50.0, count: 1 }, "");
         let mut writer = IrradianceWriter::new(header).unwrap();
         let plane = Plane::from_fn(96, 64, |x, y| value(x as f64, y as f64) as f32);
         writer.push(&plane).unwrap();

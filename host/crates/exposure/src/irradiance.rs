@@ -71,6 +71,24 @@ impl CubeHeader {
     /// Key of the response in [`Self::made_for`] of cubes of electrons per second.
     pub const RESPONSE: &str = "sensor.response";
 
+    /// Of a cube of irradiance of `size` (columns, rows) in some bands, made of what it says; in
+    /// W m⁻² nm⁻¹ as the samples are, with light that is even within each band.
+    pub fn new(size: (usize, usize), bands: &Bands, made_of: impl Into<String>) -> Self {
+        Self {
+            width: size.0,
+            height: size.1,
+            first_band_nm: bands.start_nm,
+            band_step_nm: bands.step_nm,
+            bands: bands.count,
+            level: 1.0,
+            lux: None,
+            illuminant: None,
+            light: Vec::new(),
+            made_of: made_of.into(),
+            made_for: BTreeMap::new(),
+        }
+    }
+
     /// Whether the cube holds electrons per second, made for one response, in place of irradiance.
     pub fn holds_electrons(&self) -> bool {
         self.made_for.contains_key(Self::RESPONSE)

@@ -462,19 +462,7 @@ mod tests {
         sensor.qe = vec![Spectrum::constant(0.5); 3];
         let angles = sensor.filter_angles.unwrap();
         let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 24 };
-        let header = CubeHeader {
-            width: 66,
-            height: 50,
-            first_band_nm: bands.start_nm,
-            band_step_nm: bands.step_nm,
-            bands: bands.count,
-            level: 1.0,
-            lux: None,
-            illuminant: None,
-            made_of: "even light".into(),
-            light: Vec::new(),
-            made_for: Default::default(),
-        };
+        let header = CubeHeader::new((66, 50), &bands, "even light");
         let simulated = SimulatedSensor::new(&camera, &header).unwrap();
         let cube = IrradianceCube::uniform(header, &vec![1e-3; bands.count]).unwrap();
         let plane = simulated.electrons(&cube, &camera.settings(0, 1e-3, None)).unwrap();

@@ -51,20 +51,12 @@ pub fn weighted(cubes: &[(&IrradianceCube, Vec<f64>)]) -> Result<IrradianceCube>
 mod tests {
     use super::super::CubeHeader;
     use super::*;
+    use camrig_base::Bands;
 
     fn cube(level: f64, value: impl Fn(usize, usize) -> f32) -> IrradianceCube {
         let header = CubeHeader {
-            width: 33,
-            height: 4,
-            first_band_nm: 500.0,
-            band_step_nm: 50.0,
-            bands: 2,
             level,
-            lux: None,
-            illuminant: None,
-            made_of: String::new(),
-            light: Vec::new(),
-            made_for: Default::default(),
+            ..CubeHeader::new((33, 4), &Bands { start_nm: 500.0, step_nm: 50.0, count: 2 }, "")
         };
         let mut writer = IrradianceWriter::new(header).unwrap();
         for band in 1..3 {

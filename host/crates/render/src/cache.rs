@@ -90,17 +90,12 @@ pub(crate) fn header(
     let white: Vec<f64> = scene.white.iter().map(|w| w / level).collect();
     let (grid, bands) = (sensor_grid(camera), scene.scene.bands());
     let header = CubeHeader {
-        width: grid.width,
-        height: grid.height,
-        first_band_nm: bands.start_nm,
-        band_step_nm: bands.step_nm,
-        bands: bands.count,
         level,
         lux: about.lux,
         illuminant: about.illuminant.map(|illuminant| illuminant.name),
         light,
-        made_of: about.made_of,
         made_for,
+        ..CubeHeader::new((grid.width, grid.height), &bands, about.made_of)
     };
     Ok((header, white))
 }

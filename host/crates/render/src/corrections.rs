@@ -64,19 +64,8 @@ fn bad_points(camera: &Camera, settings: &FrameSettings) -> Result<Vec<(u32, u32
     let sensor = &camera.sensor;
     let all = [0.0, f64::INFINITY];
     let bands = Sight::new(camera, None).bands(all).unwrap_or(Bands::VISIBLE);
-    let header = CubeHeader {
-        width: sensor.width as usize,
-        height: sensor.height as usize,
-        first_band_nm: bands.start_nm,
-        band_step_nm: bands.step_nm,
-        bands: bands.count,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        made_of: "even light".into(),
-        light: Vec::new(),
-        made_for: Default::default(),
-    };
+    let header =
+        CubeHeader::new((sensor.width as usize, sensor.height as usize), &bands, "even light");
     let mut simulated = SimulatedSensor::new(camera, &header)?;
     let per_channel = sensor.response(&bands);
     let strongest = per_channel.iter().map(|r| r.iter().sum::<f64>()).fold(0.0, f64::max);
@@ -167,19 +156,11 @@ mod tests {
         };
         // 12288 pixels x 0.003: 37 on average, 6 standard deviations about it.
         assert!((5..74).contains(&points.len()), "{}", points.len());
-        let header = CubeHeader {
-            width: WIDTH as usize,
-            height: HEIGHT as usize,
-            first_band_nm: 550.0,
-            band_step_nm: 10.0,
-            bands: 1,
-            level: 1.0,
-            lux: None,
-            illuminant: None,
-            made_of: "dark".into(),
-            light: Vec::new(),
-            made_for: Default::default(),
-        };
+        let header = CubeHeader::new(
+            (WIDTH as usize, HEIGHT as usize),
+            &Bands { start_nm: 550.0, step_nm: 10.0, count: 1 },
+            "dark",
+        );
         let cube = IrradianceCube::uniform(header.clone(), &[0.0]).unwrap();
         let simulated = SimulatedSensor::new(&camera, &header).unwrap();
         let frame = simulated.frame(&cube, &settings).unwrap();

@@ -118,17 +118,11 @@ pub fn irradiance_with(
     let bands = scene.scene.bands();
     let described = lens::Described::new(camera, &bands, about.illuminant.as_ref(), options)?;
     let mut writer = IrradianceWriter::new(CubeHeader {
-        width: grid.width,
-        height: grid.height,
-        first_band_nm: bands.start_nm,
-        band_step_nm: bands.step_nm,
-        bands: bands.count,
-        level: 1.0,
         lux: about.lux,
         illuminant: about.illuminant.map(|illuminant| illuminant.name),
         light: described.light.clone(),
-        made_of: about.made_of,
         made_for: made_for(camera)?,
+        ..CubeHeader::new((grid.width, grid.height), &bands, about.made_of)
     })?;
     let notes = described.notes().to_vec();
     let (lens, _) = described.lens(None)?;

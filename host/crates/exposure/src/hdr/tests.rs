@@ -3,6 +3,7 @@
 use super::HdrSensor;
 use crate::rows::{Vector, rows};
 use crate::{CubeHeader, IrradianceCube};
+use camrig_base::Bands;
 use camrig_camera::hdr::Hdr;
 use camrig_camera::hdr::expected::Expected;
 use camrig_camera::{Camera, Change};
@@ -60,19 +61,9 @@ fn codes<A: Vector>(camera: &Camera, exposure_s: f64, lights: &[f64]) -> Vec<Vec
 }
 
 fn header(camera: &Camera) -> CubeHeader {
-    CubeHeader {
-        width: camera.sensor.width as usize,
-        height: camera.sensor.height as usize,
-        first_band_nm: 550.0,
-        band_step_nm: 10.0,
-        bands: 1,
-        level: 1.0,
-        lux: None,
-        illuminant: None,
-        light: Vec::new(),
-        made_of: "even light".into(),
-        made_for: Default::default(),
-    }
+    let size = (camera.sensor.width as usize, camera.sensor.height as usize);
+    let bands = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
+    CubeHeader::new(size, &bands, "even light")
 }
 
 /// The code of a capture in f64, and how far the exact value is from the next rounding.
@@ -124,9 +115,7 @@ fn other_codes<A: Vector>(name: &str, levels: usize) -> f64 {
     let camera = camera(name, [20_000, 1], &[]);
     let described = camera.sensor.hdr.as_ref().unwrap();
     let exposure_s = hdr::exposure_s(name);
-    let end = Expected::new(&camera, exposure_s, 1.0)
-        .unwrap()
-        .saturation_e();
+    let end = Expected::new(&camera, exposure_s, 1.0).unwrap().saturation_e();
     let light = |k: usize| {
         let decades = end.log10() + 1.0;
         10f64.powf(-1.0 + decades * k as f64 / (levels - 1) as f64)
