@@ -129,7 +129,7 @@ pub struct Light {
     /// Wavelength of narrow-band light, nm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wavelength_nm: Option<f64>,
-    /// Width of its band, nm; 1 nm if left out.
+    /// Width of its band, nm; a line if left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub width_nm: Option<f64>,
     /// Illuminant name or file.

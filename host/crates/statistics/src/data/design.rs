@@ -344,6 +344,10 @@ fn condition(camera: &Camera, set: &CaptureSet, stack: &Stack) -> Result<Conditi
     })
 }
 
+/// Width of light of which the manifest states none: so little that the response in it is that at
+/// its wavelength, also beside a kink of its table.
+const LINE_NM: f64 = 1e-3;
+
 /// Mean photo-electrons per pixel of each channel in one exposure, and whether the manifest
 /// determines them.
 fn photo_electrons(camera: &Camera, capture: &Capture) -> Result<(Vec<f64>, bool)> {
@@ -361,7 +365,7 @@ fn photo_electrons(camera: &Camera, capture: &Capture) -> Result<(Vec<f64>, bool
         (None, Some(photons)) => photons * HC / (nm * 1e-9) / area,
         (None, None) => return Ok((vec![0.0; channels], false)),
     };
-    let width_nm = light.width_nm.unwrap_or(1.0);
+    let width_nm = light.width_nm.unwrap_or(LINE_NM);
     let band = Bands { start_nm: nm, step_nm: width_nm, count: 1 };
     let joule_m2_nm = irradiance / width_nm * capture.exposure_s;
     let electrons: Vec<f64> = s.response(&band).iter().map(|r| r[0] * joule_m2_nm).collect();
