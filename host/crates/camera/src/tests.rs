@@ -22,7 +22,7 @@ fn wrong_keys_and_values_are_named_with_line_and_remedy() {
         ("bits = 10", "bits = 20", "8 to 16"),
         ("width = 2048", "width = 0", "1 to 32768"),
         ("cfa = \"GRBG\"", "cfa = \"GRBX\"", "RCCC"),
-        ("cfa = \"GRBG\"", "cfa = \"grbg\"", "use RGGB"),
+        ("cfa = \"GRBG\"", "cfa = \"gbr\"", "use RGGB"),
         ("f_number = 2.8", "", "f_number"),
         ("transmittance = 0.92", "transmittance = 92", "0 to 1"),
         ("kind = \"diffraction-limited\"", "kind = \"perfect\"", "diffraction-limited"),

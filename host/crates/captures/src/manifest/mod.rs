@@ -192,7 +192,7 @@ mod tests {
         for (tail, expected) in [
             ("white_level_dn = 5000\n", "does not fit 12 bits"),
             ("black_level_dn = 4095.0\n", "black_level_dn"),
-            ("cfa = \"rggb\"\n", "colour filter pattern"),
+            ("cfa = \"rgb\"\n", "colour filter pattern"),
             ("pitch_um = -1.0\n", "pitch_um"),
             (
                 "[[capture]]\nid='a'\nrole='flat'\nfiles='*.npy'\nexposure_s = 0\n",

@@ -162,8 +162,8 @@ pub(super) fn select(
         let wanted = |kind: &str| wanted(kind, selection.steps.len());
         let trials = trials(measured, model, &wanted, trying)?;
         let settled = settled(measured, model, &trials)?;
-        let (held, barred) = first_that_holds(measured, model, &settled)?;
-        selection.barred = barred;
+        selection.barred.clear();
+        let held = first_that_holds(measured, model, &settled, &mut selection.barred)?;
         let Some((best, next)) = held else { break };
         let others = others(&best, settled, trials);
         if let Some(rival) = others.first().filter(|r| is_rival(&best, r)) {
@@ -227,24 +227,24 @@ fn settled(measured: &Measured, model: &Evaluation, trials: &[Trial]) -> Result<
 }
 
 /// The first of the refined trials that is significant and that no statistic bars, and the model
-/// with it; and the kinds of those before it.
+/// with it; the kinds of those before it are `barred`.
 fn first_that_holds(
     measured: &Measured,
     model: &Evaluation,
     settled: &[Trial],
-) -> Result<(Option<(Trial, Evaluation)>, Vec<String>)> {
-    let mut barred = Vec::new();
+    barred: &mut Vec<String>,
+) -> Result<Option<(Trial, Evaluation)>> {
     for trial in settled.iter().filter(|t| t.is_significant(model.gap)) {
         let mut named = model.named.clone();
         trial.proposal.clone().join(&mut named);
         let camera = trial.proposal.applied(&model.camera);
         let next = fitted(measured, camera, named, RUNS_ON_THE_WAY)?;
         if !veto::bars(measured, model, &next) {
-            return Ok((Some((trial.clone(), next)), barred));
+            return Ok(Some((trial.clone(), next)));
         }
         barred.push(trial.proposal.kind.to_string());
     }
-    Ok((None, barred))
+    Ok(None)
 }
 
 /// All trials of a round except of the winner's kind, the first of each kind.

@@ -111,13 +111,15 @@ struct Part {
 }
 
 enum PartBlur {
-    /// By transfer functions: of the core, and of the wings on larger pixels.
-    Otf {
-        core: (Frame, Blurs),
-        wings: Vec<(Wide, Frame, Blurs)>,
-        buffers: Buffers,
-    },
+    Otf(Box<OtfBlur>),
     Field(Frame, Box<FieldBlur>),
+}
+
+/// Blur by transfer functions: of the core, and of the wings on larger pixels.
+struct OtfBlur {
+    core: (Frame, Blurs),
+    wings: Vec<(Wide, Frame, Blurs)>,
+    buffers: Buffers,
 }
 
 /// A padded frame, and where the lens finds the light of its cells.
@@ -205,7 +207,8 @@ impl Part {
             used.iter().map(source).collect()
         };
         let mut planes = match &mut self.blur {
-            PartBlur::Otf { core: (frame, blur), wings, buffers } => {
+            PartBlur::Otf(parts) => {
+                let OtfBlur { core: (frame, blur), wings, buffers } = &mut **parts;
                 let mut planes = blur.run(&sources(frame), buffers)?;
                 for (wide, frame, blur) in wings {
                     let far = blur.run(&sources(frame), buffers)?;
@@ -256,11 +259,11 @@ impl Job<'_> {
                     let frame = frame(&wide.grid, wide.layout);
                     (wide, frame, blur)
                 };
-                PartBlur::Otf {
+                PartBlur::Otf(Box::new(OtfBlur {
                     core: (frame(self.grid, layout), blur),
                     wings: wings.map(on_wide).collect(),
                     buffers: Buffers::default(),
-                }
+                }))
             }
             None => {
                 let (layout, blur) = self.field(&blurs, &mappings, report)?;
