@@ -58,7 +58,7 @@ fn prepare(folder: &Path) {
             &format!("simulate --camera my.toml {scene} --frame-seed {frame} -o {name}.dng"),
         );
     }
-    for name in ["a", "b"] {
+    for name in ["a", "b", "grey"] {
         camrig_ok(
             folder,
             &format!("simulate --camera my.toml --scene ramp -o {name}.dng --exposure 9ms"),

@@ -2,7 +2,8 @@
 //!
 //! Pixels that stand out one by one meet by chance: of a share p of all N pixels, at most
 //! N (λ p)ⁿ groups of n that touch along their sides, λ = 4.06 the growth of such shapes with n
-//! (Jensen 2003). Larger groups than chance makes, that fill a rectangle, are areas.
+//! (Jensen 2003). Larger groups than chance makes, that fill a rectangle and end at its edges, are
+//! areas: a glow or a shading falls off.
 
 use super::robust::{mad_sd, mean, median};
 use camrig_base::Value;
@@ -31,6 +32,8 @@ const SHAPES: f64 = 4.0626;
 const MIN_PIXELS: f64 = 4.0;
 /// Part of its rectangle that an area fills.
 const MIN_FILLED: f64 = 0.8;
+/// Part of what stands out along the inside of an area's edges that may be left just outside.
+const MAX_OUTSIDE: f64 = 0.5;
 /// Lines on each side of a line that it is compared with.
 const NEAR: usize = 3;
 
@@ -39,6 +42,27 @@ impl Area {
         let (x, y) = (place % columns, place / columns);
         (self.left..self.left + self.width).contains(&x)
             && (self.top..self.top + self.height).contains(&y)
+    }
+
+    /// Whether little of what stands out is left in the pixels around it.
+    fn ends_at_its_edges(&self, map: &[f64], columns: usize) -> bool {
+        let rows = map.len() / columns;
+        let (right, bottom) = (self.left + self.width, self.top + self.height);
+        let across = self.left.saturating_sub(1)..(right + 1).min(columns);
+        let down = self.top.saturating_sub(1)..(bottom + 1).min(rows);
+        let ring = down.flat_map(|y| across.clone().map(move |x| y * columns + x));
+        let outside: Vec<f64> = ring.filter(|p| !self.has(*p, columns)).map(|p| map[p]).collect();
+        let is_edge = |p: &usize| {
+            let (x, y) = (p % columns, p / columns);
+            x == self.left || x + 1 == right || y == self.top || y + 1 == bottom
+        };
+        let inside: Vec<f64> = self.places(columns).filter(is_edge).map(|p| map[p]).collect();
+        if outside.is_empty() {
+            return false;
+        }
+        let level = median(map.to_vec());
+        let [outside, inside] = [outside, inside].map(|values| median(values) - level);
+        outside / inside < MAX_OUTSIDE
     }
 
     /// The places of its pixels in a row-major map of so many columns.
@@ -70,7 +94,8 @@ pub(crate) fn find(map: &[f64], columns: usize, stands_out: impl Fn(f64) -> bool
         let mut area = Area { left, top, width, height, value: Value::new(0.0, 0.0) };
         let inside: Vec<f64> =
             group.iter().filter(|p| area.has(**p, columns)).map(|p| map[*p]).collect();
-        if inside.len() as f64 >= MIN_FILLED * (width * height) as f64 {
+        let filled = inside.len() as f64 >= MIN_FILLED * (width * height) as f64;
+        if filled && area.ends_at_its_edges(map, columns) {
             area.value = mean(&inside);
             areas.push(area);
         }
@@ -165,6 +190,16 @@ mod tests {
             found.iter().map(|a| [a.left, a.top, a.width, a.height]).collect();
         assert_eq!(places, [[40, 20, 4, 4], [30, 70, 60, 1]]);
         assert!(found[0].places(96).eq((0..16).map(|i| (20 + i / 4) * 96 + 40 + i % 4)));
+    }
+
+    #[test]
+    fn what_falls_off_is_no_area() {
+        let far =
+            |x: usize, y: usize| ((x as f64 - 90.0).powi(2) + (y as f64 - 20.0).powi(2)) / 400.0;
+        let map: Vec<f64> = (0..96 * 96).map(|p| 10.0 * (-far(p % 96, p / 96)).exp()).collect();
+        for limit in [0.5, 2.0, 6.0] {
+            assert!(find(&map, 96, |v| v > limit).is_empty(), "{limit}");
+        }
     }
 
     #[test]

@@ -80,14 +80,25 @@ pub fn run_from(
     trying("effects by their own evidence");
     let seeds: Vec<Proposal> = seeds.iter().filter(|p| known(p.kind)).cloned().collect();
     let seeded = forward::seeded(measured, &before, seeds)?;
-    let search = |wanted: &dyn Fn(&str, usize) -> bool| {
-        once(measured, &before, seeded.clone(), wanted, trying)
+    let search = |start: &Selection, wanted: &dyn Fn(&str, usize) -> bool| {
+        once(measured, &before, start.clone(), wanted, trying)
     };
-    let mut found = search(&|kind, _| known(kind))?;
+    let mut start = seeded;
+    let mut found = search(&start, &|kind, _| known(kind))?;
+    // What stands out by itself may be part of an effect that has no evidence of its own, as a glow
+    // is dark current too.
+    if !start.steps.is_empty() && !found.after.passes() {
+        let empty = forward::seeded(measured, &before, Vec::new())?;
+        let other = search(&empty, &|kind, _| known(kind))?;
+        if other.after.deviance() < found.after.deviance() {
+            (start, found) = (empty, other);
+        }
+    }
     // An effect added early may approximate two that are better together: the search with it as a
     // later one only.
     if let Some((dominated, at)) = dominated(measured, &before.camera, &found)? {
-        let other = search(&|kind, names| known(kind) && (kind != dominated || names > at))?;
+        let later = |kind: &str, names: usize| known(kind) && (kind != dominated || names > at);
+        let other = search(&start, &later)?;
         if other.after.deviance() < found.after.deviance() {
             found = Outcome { superseded: Some(dominated), ..other };
         }
