@@ -53,7 +53,7 @@ enum What {
         colour, so\n\
         that shading does not count. camrig batch gives the same figure of its uniform scenes.\n\n\
         Examples:\n  camrig measure snr grey.dng\n  \
-        camrig measure snr grey.dng --roi 100,100,64,64 --json")]
+        camrig measure snr grey.dng --roi 8,8,64,48 --json")]
     Snr(frames::SnrArgs),
     /// Means and standard deviations of ColorChecker patches
     #[command(after_help = "Examples:\n  camrig measure patches chart.dng --json\n\

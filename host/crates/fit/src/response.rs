@@ -12,7 +12,7 @@
 //! count too: they are what shows a bend best. Light is stated with errors of its own, so where the
 //! means scatter more than by noise, they count less accordingly.
 //!
-//! K of each gain, a and all q are fitted together, for each exponent of [`EXPONENTS`] and for a
+//! K of each gain, a and all q are fitted together, for each exponent of `EXPONENTS` and for a
 //! straight line; the least χ² + k ln n of k parameters and n data wins (Schwarz 1978).
 
 use camrig_base::Value;
