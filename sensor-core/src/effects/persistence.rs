@@ -53,7 +53,7 @@ impl Persistence {
 }
 
 impl Stage for Persistence {
-    /// Nothing: the pipeline has the traps ([`Persistence::exchange`]).
+    /// Nothing: the pipeline has the traps (`exchange`).
     fn apply<A: Arith>(
         &self,
         _: &Context<'_>,
