@@ -97,7 +97,8 @@ pub trait Arith: sealed::Sealed + Copy + Send + Sync + 'static {
     fn electrons(s: Self::Signal) -> f32;
     /// A factor as a number.
     fn number(f: Self::Factor) -> f32;
-    /// a + b, in fixed point saturating; f32 keeps what is beyond until the full well or the converter.
+    /// a + b, in fixed point saturating; f32 keeps what is beyond until the full well or the
+    /// converter.
     fn add(a: Self::Signal, b: Self::Signal) -> Self::Signal;
     /// a - b, saturating.
     fn sub(a: Self::Signal, b: Self::Signal) -> Self::Signal;

@@ -34,8 +34,8 @@ pub trait MeanRows<A: Arith> {
         out.fill([A::Signal::default(); BLOCK]);
     }
 
-    /// Takes what they hold at its end, which [`Self::traps`] gives in the frame that follows. A row
-    /// may be told several times, each time with the same values.
+    /// Takes what they hold at its end, which [`Self::traps`] gives in the frame that follows. A
+    /// row may be told several times, each time with the same values.
     fn keep_traps(&mut self, effect: usize, row: u32, held: &[Block<A::Signal>]) {
         let _ = (effect, row, held);
     }

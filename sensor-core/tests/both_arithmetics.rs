@@ -2,9 +2,9 @@
 //! and fixed point agree within one DN, from darkness to lamps of a million full wells.
 //!
 //! Where nothing is counted, the scale is at most 64 DN per electron with all gains, so that the
-//! 2⁻¹³ e⁻ by which a stage of fixed point rounds is at most 0.01 DN. A count that is rounded to the
-//! next whole electron may differ by one, so that the scale is less than a DN for all counts of a
-//! sensor together.
+//! 2⁻¹³ e⁻ by which a stage of fixed point rounds is at most 0.01 DN. A count that is rounded to
+//! the next whole electron may differ by one, so that the scale is less than a DN for all counts of
+//! a sensor together.
 
 mod common;
 

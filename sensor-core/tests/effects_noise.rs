@@ -568,8 +568,8 @@ fn one_after_the_other<A: Arith>(
     frames
 }
 
-/// A frame of light, then darkness: f min(µ, W) (1 − d) d^(k−1); no charge is lost; what is read has
-/// the law of Poisson, so that photon transfer reads the true gain.
+/// A frame of light, then darkness: f min(µ, W) (1 − d) d^(k−1); no charge is lost; what is read
+/// has the law of Poisson, so that photon transfer reads the true gain.
 fn persistence<A: Arith>() {
     let (f, tau) = (0.25f64, 1.5f64);
     let traps = persistence::Persistence { fraction: f as f32, time_constant_frames: tau as f32 };
@@ -618,8 +618,8 @@ fn persistence<A: Arith>() {
     near("frames", correlation(&frames[0], &frames[1]), 0.0, 65_536f64.powf(-0.5));
 }
 
-/// Two kinds of traps: the recursion of both in f64 over six frames of changing light, and the sum of
-/// what is read and what is held is the light.
+/// Two kinds of traps: the recursion of both in f64 over six frames of changing light, and the sum
+/// of what is read and what is held is the light.
 fn traps_of_two_time_constants<A: Arith>() {
     let kinds = [(0.1f32, 0.7f32), (0.02, 12.0)];
     let effects = kinds.map(|(fraction, time_constant_frames)| {

@@ -482,8 +482,8 @@ fn adc_nonlinearity<A: Arith>() {
     });
 }
 
-/// A ramp over four ranges: the codes that are left are those of each range, and the code nearest to
-/// a level, so that each is as wide as its step; noise gets s²/12 more.
+/// A ramp over four ranges: the codes that are left are those of each range, and the code nearest
+/// to a level, so that each is as wide as its step; noise gets s²/12 more.
 fn requantised<A: Arith>() {
     let effect = requantised::Requantised::from_values(&[1.0, 40.0, 2.0, 101.0, 5.0, 180.0, 16.0]);
     let mut config = monochrome(256 * 32, 1, &[effect.into()]);

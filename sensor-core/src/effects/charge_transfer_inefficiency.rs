@@ -6,8 +6,8 @@ use crate::math;
 
 effect! {
     /// Charge-transfer inefficiency of a CCD: at each transfer a share of a packet stays behind and
-    /// follows with the next one, so that bright pixels have trails away from the output, the longer
-    /// the way the stronger.
+    /// follows with the next one, so that bright pixels have trails away from the output, the
+    /// longer the way the stronger.
     ///
     /// Down a column, a packet of row y is transferred y + 1 times and loses the share
     /// l(y) = 1 − (1 − ε_p)^(y+1) to the row that follows: q'(y) = q(y) (1 − l(y)) +

@@ -220,8 +220,8 @@ impl Context<'_> {
 
     /// A number of this frame from a first-order autoregression over the frames, of mean 0 and
     /// variance 1: o_n = φ o_(n−1) + √(1−φ²) z_n. Any frame can be computed without the others: o_n
-    /// is the sum of the last frames' innovations until their weight falls below 0.001, which leaves
-    /// out its square, 1e-6, of the variance.
+    /// is the sum of the last frames' innovations until their weight falls below 0.001, which
+    /// leaves out its square, 1e-6, of the variance.
     #[cfg(any(feature = "frame-offset-noise", feature = "frame-offset-by-site"))]
     pub(crate) fn wandering(&self, part: u32, correlation: f32) -> f32 {
         const MIN_WEIGHT: f32 = 1e-3;

@@ -11,9 +11,9 @@ effect! {
     /// parts of rows, clusters. Columns are in [`defective_columns`](super::defective_columns) too.
     ///
     /// µ' = g µ + t I 2^((T − T_ref)/T_d) in n rectangles, each anywhere on the sensor; t is the
-    /// exposure. Where rectangles overlap, each acts on what the one before it leaves. What they lack
-    /// and what they have more, they do before shot noise. Chen et al. 2009, section VI: defects
-    /// that only the captures show; EMVA 1288 release 4.0, section 8.4, for lines.
+    /// exposure. Where rectangles overlap, each acts on what the one before it leaves. What they
+    /// lack and what they have more, they do before shot noise. Chen et al. 2009, section VI:
+    /// defects that only the captures show; EMVA 1288 release 4.0, section 8.4, for lines.
     ///
     /// Closed form: in the rectangles mean and temporal variance g µ + t I 2^((T − T_ref)/T_d).
     DefectiveAreas, "defective-areas", Light, Defect, Pixel {

@@ -11,17 +11,17 @@ effect! {
     /// leave charge along their tracks, in one frame each.
     ///
     /// Hits begin anywhere, Poisson with the mean r t in a million pixels, t the exposure. A flux F
-    /// per area is r = 10⁶ F p², p the pixel pitch: 1 cm⁻² min⁻¹ of muons at sea level and 3 µm make
-    /// 0.0015. They come from above with the law cos² of the zenith angle, so that cos θ = u^¼
+    /// per area is r = 10⁶ F p², p the pixel pitch: 1 cm⁻² min⁻¹ of muons at sea level and 3 µm
+    /// make 0.0015. They come from above with the law cos² of the zenith angle, so that cos θ = u^¼
     /// on a plane, u uniform, and from any side. The track is straight, d tan θ pixels long as seen
-    /// from above, d the depth of the sensitive layer, and ends after 32 rows. Its charge
-    /// is a d/cos θ (1 + w λ), not below 0, even along the track, with the most probable charge a
-    /// per pixel pitch (some 75 e⁻/µm in silicon). λ = −ln z², z standard normal, has Moyal's law,
+    /// from above, d the depth of the sensitive layer, and ends after 32 rows. Its charge is a
+    /// d/cos θ (1 + w λ), not below 0, even along the track, with the most probable charge a per
+    /// pixel pitch (some 75 e⁻/µm in silicon). λ = −ln z², z standard normal, has Moyal's law,
     /// which stands for Landau's. Moyal 1955; Particle Data Group, Review of Particle Physics 2022,
     /// chapters 30.4 and 34.2.
     ///
-    /// Closed form: the hits of a frame are Poisson; the mean charge of one is 4/3 a d (1 + 1.270 w),
-    /// its mean square 2 a² d² ((1 + 1.270 w)² + 4.935 w²).
+    /// Closed form: the hits of a frame are Poisson; the mean charge of one is 4/3 a d (1 + 1.270
+    /// w), its mean square 2 a² d² ((1 + 1.270 w)² + 4.935 w²).
     ParticleHits, "particle-hits", Charge, Temporal, Pixel {
         /// Rate r of hits in a million pixels
         rate_per_mpx_s: "1/s", 0.0..=1e4;

@@ -15,9 +15,9 @@ effect! {
     /// so by chance, electron by electron: what is read has the Poisson law of its mean, and photon
     /// transfer shows the true system gain. Several such effects are several kinds of traps, each
     /// with its time constant; what one kind releases, the next may catch. Frames follow each other
-    /// in the order in which they are taken, the first with empty traps; the charge takes four bytes
-    /// for each pixel and effect, which no rig has. Janesick 2001; Smith et al. 2008; Leisenring et
-    /// al. 2016.
+    /// in the order in which they are taken, the first with empty traps; the charge takes four
+    /// bytes for each pixel and effect, which no rig has. Janesick 2001; Smith et al. 2008;
+    /// Leisenring et al. 2016.
     ///
     /// Closed form: in darkness after one frame of µ, frame k shows f min(µ, W) (1 − d) d^(k−1); in
     /// steady light frame k shows µ − f µ d^(k−1) until the traps are full, and then µ.

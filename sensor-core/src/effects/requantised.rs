@@ -7,11 +7,11 @@ effect! {
     /// Requantised codes: behind the converter, codes were quantised again with a step that depends
     /// on the level, as lossy compression (Raspberry Pi's PiSP, Sony's ARW) and tables do.
     ///
-    /// In a range that begins at code a, with a step of s DN, code c becomes a + s ⌊(c − a)/s + 1/2⌋.
-    /// There are up to five ranges: from 0 DN, and from each start on. Starts and steps are whole
-    /// numbers; a start of 65536 is none. Put this effect last. Limits: a table whose step changes
-    /// from code to code is taken as ranges of its mean step; errors of compression that depend on
-    /// neighbours are not modelled.
+    /// In a range that begins at code a, with a step of s DN, code c becomes a + s ⌊(c − a)/s +
+    /// 1/2⌋. There are up to five ranges: from 0 DN, and from each start on. Starts and steps are
+    /// whole numbers; a start of 65536 is none. Put this effect last. Limits: a table whose step
+    /// changes from code to code is taken as ranges of its mean step; errors of compression that
+    /// depend on neighbours are not modelled.
     ///
     /// Closed form: of a ramp, codes a + n s alone, each as wide as its step; noise that is wider
     /// than a step gets s²/12 DN² more variance.

@@ -60,19 +60,7 @@ fn each_pixel_of_a_mosaic_has_the_mean_of_its_band() {
         let mut camera = camera(directory.path(), side, [width, height]);
         camera.keep_noise(KeptNoise::None);
         assert_eq!(camera.sensor.channel_names.len(), side * side);
-        let header = CubeHeader {
-            width,
-            height,
-            first_band_nm: bands.start_nm,
-            band_step_nm: bands.step_nm,
-            bands: bands.count,
-            level: 1.0,
-            lux: None,
-            illuminant: None,
-            made_of: String::new(),
-            light: Vec::new(),
-            made_for: Default::default(),
-        };
+        let header = CubeHeader::new((width, height), &bands, "");
         let cube = IrradianceCube::uniform(header, &vec![level as f32; bands.count]).unwrap();
         let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, exposure_s, None);

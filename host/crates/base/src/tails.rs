@@ -37,6 +37,19 @@ pub fn chi_square(ratio: f64, dof: f64) -> f64 {
     (libm::cbrt(ratio.max(0.0)) - (1.0 - v)) / v.sqrt()
 }
 
+/// χ² over its degrees of freedom ν where it is beyond chance: five standard deviations √(2ν) above
+/// its mean, a false alarm in some thousand sets of normal errors.
+///
+/// ```
+/// use camrig_base::tails::misfit;
+///
+/// assert_eq!((misfit(24.0, 8.0), misfit(32.0, 8.0)), (None, Some(4.0)));
+/// ```
+pub fn misfit(chi2: f64, freedom: f64) -> Option<f64> {
+    const MAX_DEVIATION: f64 = 5.0;
+    (chi2 > freedom + MAX_DEVIATION * (2.0 * freedom).sqrt()).then(|| chi2 / freedom)
+}
+
 /// Median of a mean of squares with `dof` degrees of freedom over its expectation (Wilson &
 /// Hilferty 1931).
 pub fn median_of_squares(dof: f64) -> f64 {

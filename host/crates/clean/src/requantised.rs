@@ -68,9 +68,9 @@ fn ranges(set: &CaptureSet, scans: &[Scan]) -> Vec<Range> {
     if wide < MIN_WINDOWS { Vec::new() } else { found }
 }
 
-/// The ranges as the effect has them, where each begins and its step, DN: of more than it has, those
-/// whose steps are most alike are joined to one of their mean step. The first is from 0 on, whose
-/// step must be that of its codes from there.
+/// The ranges as the effect has them, where each begins and its step, DN: of more than it has,
+/// those whose steps are most alike are joined to one of their mean step. The first is from 0 on,
+/// whose step must be that of its codes from there.
 fn steps(mut ranges: Vec<Range>) -> Vec<[u16; 2]> {
     while ranges.len() > MAX_RANGES {
         let ratio = |i: usize| libm::fabs(libm::log2(ranges[i].step / ranges[i + 1].step));

@@ -35,7 +35,8 @@ pub struct Report {
     pub gap_limit: f64,
     /// The measures of Chen et al. 2009, section VI.
     pub measures: Measures,
-    /// Effects that came nearest, but leave too much unexplained, or do harm elsewhere, to be named.
+    /// Effects that came nearest, but leave too much unexplained, or do harm elsewhere, to be
+    /// named.
     pub nearest: Vec<String>,
     /// Notes on the captures.
     pub notes: Vec<String>,

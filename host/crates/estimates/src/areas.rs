@@ -103,8 +103,8 @@ pub(crate) fn find(map: &[f64], columns: usize, stands_out: impl Fn(f64) -> bool
     areas
 }
 
-/// The first line and the number of the lines that hold at least half as many pixels as the fullest:
-/// single pixels that touch the area are no part of it.
+/// The first line and the number of the lines that hold at least half as many pixels as the
+/// fullest: single pixels that touch the area are no part of it.
 fn extent(lines: impl Iterator<Item = usize>) -> (usize, usize) {
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
     lines.for_each(|line| *counts.entry(line).or_default() += 1);

@@ -131,8 +131,8 @@ mod tests {
     }
 
     /// Of n frames of a drift of correlation r the variance of s² is 2 σ⁴ (1 + r²)/(1 − r²)/n, so
-    /// that 2000 give σ to 2.5 % and r to √((1 − r²)/n) = 2 %, beside the grid's step. Four of these
-    /// standard deviations are allowed.
+    /// that 2000 give σ to 2.5 % and r to √((1 − r²)/n) = 2 %, beside the grid's step. Four of
+    /// these standard deviations are allowed.
     #[test]
     fn the_likeliest_drift_is_the_one_that_was_put_in() {
         let found = likeliest(&drifting(40, 50, 0.6, 5)).unwrap();

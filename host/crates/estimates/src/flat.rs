@@ -18,14 +18,15 @@ const MIN_DEFECT: f64 = 0.05;
 /// The same of a line from those around it, and of a pixel of an area from the rest.
 const MIN_LINE_DEFECT: f64 = 0.04;
 const MIN_AREA_DEFECT: f64 = 0.1;
-/// Part of the median level from which a pixel's noise tells the gain: that of others is not light's.
+/// Part of the median level from which a pixel's noise tells the gain: that of others is not
+/// light's.
 const MIN_LIT: f64 = 0.5;
 /// The power of flicker over the median power from which it is fitted, and the scatter of rows
 /// from which it is fitted in any case.
 const MIN_POWER: f64 = 30.0;
 const MIN_ROWS: f64 = 0.02;
-/// Variance over the median's at which noisy pixels count, and the normal deviate of a variance that
-/// chance alone exceeds in one of a thousand million pixels.
+/// Variance over the median's at which noisy pixels count, and the normal deviate of a variance
+/// that chance alone exceeds in one of a thousand million pixels.
 const NOISY: f64 = 6.0;
 const BY_CHANCE: f64 = 6.0;
 /// Half the side of the square whose mean is removed from gain maps, pixels.
@@ -51,7 +52,8 @@ pub struct Flat {
     pub defective_columns: Vec<usize>,
     /// Their mean gain relative to the others; none where there are none.
     pub defective_gain: Option<Value>,
-    /// Rows, parts of lines and clusters whose gain departs, with their gain relative to the others.
+    /// Rows, parts of lines and clusters whose gain departs, with their gain relative to the
+    /// others.
     pub defective_areas: Vec<Area>,
     /// Charge that stays behind at each transfer along rows and down columns; none where the noise
     /// is not that of light.

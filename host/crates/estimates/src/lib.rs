@@ -99,9 +99,9 @@ impl Estimates {
 }
 
 /// Estimates everything that the dark and flat stacks of one analog gain show: that of the most
-/// stacks, of several the lowest. The dark stack with the shortest exposure is the bias, and that of
-/// each other gain tells what lies behind the gain; stacks of other roles are ignored. Where no flat
-/// shows the gain, shot noise is that of `dn_per_e`.
+/// stacks, of several the lowest. The dark stack with the shortest exposure is the bias, and that
+/// of each other gain tells what lies behind the gain; stacks of other roles are ignored. Where no
+/// flat shows the gain, shot noise is that of `dn_per_e`.
 ///
 /// # Errors
 /// No dark stack with two frames or more; frames of different sizes, or smaller than 16 pixels.

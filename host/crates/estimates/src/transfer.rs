@@ -3,8 +3,9 @@
 //!
 //! Of l of a pixel's charge that comes with the next pixel, their correlation in the noise of light
 //! is ρ = l (1 − l)/(1 − 2 l (1 − l)). A packet that is transferred n times leaves l = 1 − (1 − ε)ⁿ
-//! behind, so that −ln (1 − l) grows by ε from pixel to pixel: its slope over columns, or rows. Coupling of neighbours is the same everywhere and has no slope. Noise of rows
-//! and light that flickers are taken off as the mean of each row.
+//! behind, so that −ln (1 − l) grows by ε from pixel to pixel: its slope over columns, or rows.
+//! Coupling of neighbours is the same everywhere and has no slope. Noise of rows and light that
+//! flickers are taken off as the mean of each row.
 
 use super::robust::mad_sd;
 use camrig_base::Value;

@@ -330,26 +330,14 @@ mod tests {
     use camrig_base::{Bands, Outside, Spectrum};
     use camrig_sensor_core::effects::{Effect, optical_crosstalk, persistence::Persistence};
 
-    /// Light behind which rows share by crosstalk, then darkness, over the rows of several tasks: the
-    /// frames show what traps of two time constants release, in both arithmetics. A frame after
+    /// Light behind which rows share by crosstalk, then darkness, over the rows of several tasks:
+    /// the frames show what traps of two time constants release, in both arithmetics. A frame after
     /// another is refused without their charge.
     #[test]
     fn traps_release_their_charge_over_the_frames_that_follow() {
         let camera = Camera::load("mt9t012").unwrap().with_size(50, 70).unwrap();
         let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 30 };
-        let header = CubeHeader {
-            width: 50,
-            height: 70,
-            first_band_nm: bands.start_nm,
-            band_step_nm: bands.step_nm,
-            bands: bands.count,
-            level: 1.0,
-            lux: None,
-            illuminant: None,
-            made_of: "even light".into(),
-            light: Vec::new(),
-            made_for: Default::default(),
-        };
+        let header = CubeHeader::new((50, 70), &bands, "even light");
         let [lit, dark] = [2e-3, 0.0].map(|level| {
             IrradianceCube::uniform(header.clone(), &vec![level; bands.count]).unwrap()
         });
@@ -418,19 +406,7 @@ mod tests {
             sensor.ir_cut = Some(pass.outside(Outside::Zero));
             camera.keep_noise(camrig_camera::KeptNoise::None);
             let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 31 };
-            let header = CubeHeader {
-                width: 40,
-                height: 34,
-                first_band_nm: bands.start_nm,
-                band_step_nm: bands.step_nm,
-                bands: bands.count,
-                level: 1.0,
-                lux: None,
-                illuminant: None,
-                made_of: "even light".into(),
-                light: Vec::new(),
-                made_for: Default::default(),
-            };
+            let header = CubeHeader::new((40, 34), &bands, "even light");
             let response: f64 = camera.sensor.response(&bands)[1].iter().sum();
             let level =
                 camera.sensor.full_well_e / (response * 1e-3) * (1e-3 * 1e5f64.powf(next()));

@@ -5,6 +5,7 @@ use super::response::Response;
 use super::stacks::AtGain;
 use super::{Options, Unity};
 use camrig_base::numbers::counted;
+use camrig_base::tails::misfit;
 use camrig_base::{Bands, Result, Value};
 use camrig_camera::draft::{Basis, Draft, Known, Request};
 use camrig_camera::typical::rounded;
@@ -15,8 +16,6 @@ use std::path::Path;
 
 /// Pitch that is written where nothing tells it, µm: the middle of machine vision's.
 const PITCH_UM: f64 = 3.0;
-/// How far χ² of one black level at all gains may lie above its mean, in standard deviations √(2ν).
-const MAX_CHI2_DEVIATION: f64 = 5.0;
 
 /// Everything that was measured.
 pub struct Found<'a> {
@@ -171,7 +170,7 @@ impl Found<'_> {
             ));
         }
         let freedom = response.data as f64 - self.lit.len() as f64;
-        if response.chi2 > freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt() {
+        if misfit(response.chi2, freedom).is_some() {
             values.notes.push(format!(
                 "the variances of the flats are on no curve of gain and response (chi2 {:.0} of \
                  {freedom:.0}): the errors of the gain are widened by that",
@@ -404,7 +403,6 @@ fn peak(camera: &Camera, ratios: &[Efficiency]) -> Option<f64> {
 /// Whether values differ by more than their errors.
 fn differ(values: &[Value]) -> bool {
     let Some(mean) = Value::combine(values.iter().copied()) else { return false };
-    let freedom = values.len() as f64 - 1.0;
     let chi2: f64 = values.iter().map(|v| ((v.value - mean.value) / v.std_error).powi(2)).sum();
-    chi2 > freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt()
+    misfit(chi2, values.len() as f64 - 1.0).is_some()
 }

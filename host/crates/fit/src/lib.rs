@@ -11,9 +11,9 @@
 //!    each gain.
 //! 3. [`response`]: system gain, loss and exponent of the response and quantum efficiency from
 //!    variances and means together.
-//! 4. [`noise`]: black level, read noise and its law over the gains, dark current, hot pixels, noise
-//!    and patterns of rows, columns, pixels and frames. What is over three errors and 3 % of the
-//!    read noise becomes an effect.
+//! 4. [`noise`]: black level, read noise and its law over the gains, dark current, hot pixels,
+//!    noise and patterns of rows, columns, pixels and frames. What is over three errors and 3 %
+//!    of the read noise becomes an effect.
 //!
 //! Limits: one temperature, that of most stacks; the dark current's doubling only where darks of
 //! several temperatures tell it.
@@ -29,7 +29,7 @@ pub mod stacks;
 pub use camrig_base as base;
 pub use camrig_captures as captures;
 
-use camrig_base::{Error, Result, Value};
+use camrig_base::{Error, Result, Value, tails};
 use camrig_camera::draft::{Basis, Draft};
 use camrig_camera::{Change, EffectKind};
 use camrig_captures::CaptureSet;
@@ -161,9 +161,6 @@ pub(crate) struct Unity {
 }
 
 impl Unity {
-    /// How far χ² may lie above its mean, in its standard deviations √(2ν).
-    const MAX_CHI2_DEVIATION: f64 = 5.0;
-
     fn of(response: &Response, gains: &[AtGain], lit: &[usize]) -> Self {
         let stated = |i: usize| gains[lit[i]].gain;
         let n = lit.len();
@@ -180,9 +177,7 @@ impl Unity {
         let mean = rows.iter().zip(&each).map(|(w, k)| w * k).sum::<f64>() / total;
         let rest = camrig_linear::Vector::from_fn(n, |i, _| each[i] - mean);
         let chi2 = camrig_linear::quadratic(&weight, &rest);
-        let freedom = n as f64 - 1.0;
-        let fits = chi2 <= freedom + Self::MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt();
-        let misfit = (!fits).then(|| chi2 / freedom);
+        let misfit = tails::misfit(chi2, n as f64 - 1.0);
         Self { dn_per_e: Value::new(mean, total.sqrt().recip()), misfit }
     }
 }

@@ -4,7 +4,7 @@
 use super::response::Response;
 use super::stacks::AtGain;
 use camrig_base::Value;
-use camrig_base::tails::{median_of_squares, quantile_of_squares};
+use camrig_base::tails::{self, median_of_squares, quantile_of_squares};
 use camrig_estimates::robust::trigamma;
 use camrig_measure::gains::{ReadLaw, read_law};
 
@@ -16,8 +16,6 @@ const MIN_HOT: f64 = 5.0;
 /// Frames of the bias from which the spread of the read noise is judged: of fewer, the law of their
 /// variance is not known well enough for a spread of [`MIN_SHARE`].
 const MIN_SPREAD_FRAMES: usize = 12;
-/// How far χ² of one value at all gains may lie above its mean, in standard deviations √(2ν).
-const MAX_CHI2_DEVIATION: f64 = 5.0;
 
 /// Dark current of the ordinary pixels, and of hot ones.
 #[derive(Clone, Copy, Debug)]
@@ -162,14 +160,12 @@ impl Part {
         let nulls = each.iter().map(|(_, null)| Value::new(0.0, *null));
         let null = Value::combine(nulls).map_or(f64::INFINITY, |v| v.std_error);
         let mut variance = Value::combine(each.iter().map(|(v, _)| *v));
-        let freedom = each.len() as f64 - 1.0;
         let chi2 = variance.map_or(0.0, |mean| {
             let z = |v: &Value| (v.value - mean.value) / v.std_error;
             each.iter().map(|(v, _)| z(v).powi(2)).filter(|z| z.is_finite()).sum()
         });
-        let fits = chi2 <= freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt();
-        let misfit = (!fits).then(|| chi2 / freedom);
-        if !fits {
+        let misfit = tails::misfit(chi2, each.len() as f64 - 1.0);
+        if misfit.is_some() {
             variance = each.first().map(|(v, _)| *v);
         }
         let deviation = variance.map_or(0.0, |v| v.value / null);

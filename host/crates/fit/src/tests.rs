@@ -174,8 +174,8 @@ fn mono_plan(gains: &str) -> String {
         + &stack("flat", "flat", 8, 0.004, light)
 }
 
-/// A monochrome sensor with hot pixels and noise of rows: the dark current and its pattern are those
-/// of the ordinary pixels, and the file passes.
+/// A monochrome sensor with hot pixels and noise of rows: the dark current and its pattern are
+/// those of the ordinary pixels, and the file passes.
 #[test]
 fn hot_pixels_stand_apart_from_the_dark_current() {
     for (full, read, post, seed) in [(20_000, 6.0, 5.0, 21), (6_000, 2.2, 1.9, 22)] {

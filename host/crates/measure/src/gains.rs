@@ -8,6 +8,7 @@
 use super::fit::Fit;
 use super::ladder::Selection;
 use super::ptc::{self, Ptc};
+use camrig_base::tails::misfit;
 use camrig_base::{Error, ErrorKind, Result, Value};
 use camrig_captures::CaptureSet;
 use serde::Serialize;
@@ -41,10 +42,6 @@ pub struct Gains {
     /// Why there are no figures over the gains, and what to use, where their law does not hold.
     pub note: Option<String>,
 }
-
-/// How far χ² of the law may lie above its mean, in its standard deviations √(2ν): a false alarm in
-/// some thousand sets of normal errors.
-const MAX_CHI2_DEVIATION: f64 = 5.0;
 
 /// Measures every analog gain that has flats and darks, each at the wavelength with most flats;
 /// `None` with fewer than two gains.
@@ -125,8 +122,7 @@ pub struct ReadLaw {
 pub fn read_law(variances: &[(f64, Value)]) -> Result<ReadLaw> {
     let datum = |&(g, v): &(f64, Value)| (vec![1.0, 1.0 / (g * g)], v);
     let fit = Fit::new(&variances.iter().map(datum).collect::<Vec<_>>())?;
-    let freedom = fit.freedom as f64;
-    if fit.freedom > 0 && fit.chi2 > freedom + MAX_CHI2_DEVIATION * (2.0 * freedom).sqrt() {
+    if fit.freedom > 0 && misfit(fit.chi2, fit.freedom as f64).is_some() {
         return Err(Error::disagreement(format!(
             "the read noise over the gains is no law of a part before and a part after the gain \
              stage (chi2 {:.0} of {} degrees of freedom), as with two conversion gains or a \
@@ -151,10 +147,10 @@ fn over(gains: Vec<AtGain>) -> Gains {
     match read_law(&variances) {
         Ok(law) => Gains { gains, read_e: law.read_e, read_e_post: law.read_e_post, note: None },
         Err(error) => {
-            let misfit = error.kind() == ErrorKind::Disagreement;
+            let no_law = error.kind() == ErrorKind::Disagreement;
             let table = table(&gains).map_or(String::new(), |table| format!("; use\n{table}"));
             let note = format!("{error}: no read_e and read_e_post over the gains{table}");
-            Gains { gains, read_e: None, read_e_post: None, note: misfit.then_some(note) }
+            Gains { gains, read_e: None, read_e_post: None, note: no_law.then_some(note) }
         }
     }
 }

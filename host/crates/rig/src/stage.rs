@@ -48,7 +48,8 @@ impl SensorStage {
     }
 
     /// One frame under `cube`, after one under `before` (dark where none) for the previous exposure
-    /// of `settings`. Without `before` it is the sensor's first; else it follows the one taken last.
+    /// of `settings`. Without `before` it is the sensor's first; else it follows the one taken
+    /// last.
     ///
     /// # Errors
     /// Those of [`SimulatedSensor::frame`] and [`Rig::frame`]; light that changes under a sensor

@@ -13,8 +13,8 @@ use std::f64::consts::FRAC_PI_2;
 /// with scatters too: that of 100 exponential bins by a tenth of their mean.
 const MEDIAN_SCATTER: f64 = 1.1;
 
-/// Standard deviations of skewness and kurtosis by octiles, times √n, of n normal variates: from the
-/// asymptotic covariance of quantiles, min(p, q)(1 − max(p, q))/(n f_p f_q).
+/// Standard deviations of skewness and kurtosis by octiles, times √n, of n normal variates: from
+/// the asymptotic covariance of quantiles, min(p, q)(1 − max(p, q))/(n f_p f_q).
 const OCTILE_SKEWNESS_SD: f64 = 1.073;
 const MOORS_KURTOSIS_SD: f64 = 1.776;
 

@@ -22,12 +22,12 @@ const MEDIAN: usize = 3;
 const MAX_PIXELS: usize = 1 << 14;
 /// Robust standard deviations from the median at which the pixels of a site are clipped.
 const CLIP: f64 = 4.0;
-/// Least standard deviation, DN: codes are whole numbers, and a quantile may stay at the edge of one
-/// in all replicates.
+/// Least standard deviation, DN: codes are whole numbers, and a quantile may stay at the edge of
+/// one in all replicates.
 const MIN_SD_DN: f64 = 0.02;
 
-/// The quantiles, site means and variances of a stack; of flats whose light is taken from their own mean, no
-/// means.
+/// The quantiles, site means and variances of a stack; of flats whose light is taken from their own
+/// mean, no means.
 pub(super) fn statistics(t: &Temporal, c: &Condition, cfa: &Cfa, out: &mut Collected) {
     if c.stack.role == Role::Dark || c.level_known {
         site_means(t, cfa, out);

@@ -5,9 +5,10 @@
 //!   offset: σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻², over all stacks;
 //!   light:  σ² = σ₀² + ⟨(V − V')/s²⟩, without unit, over the flats,
 //!
-//! with K the system gain (DN/e⁻), of an offset behind the analogue gain that of the gain 1, s the signal of a flat above dark (DN), ⟨ ⟩ inverse-variance
-//! means and σ₀ what the model has already. The offset's correlation from one frame to the next is
-//! the likeliest one of a first-order autoregression plus white noise (Kalman's filter).
+//! with K the system gain (DN/e⁻), of an offset behind the analogue gain that of the gain 1, s the
+//! signal of a flat above dark (DN), ⟨ ⟩ inverse-variance means and σ₀ what the model has already.
+//! The offset's correlation from one frame to the next is the likeliest one of a first-order
+//! autoregression plus white noise (Kalman's filter).
 
 use super::common::{Added, present, present_dn};
 use super::proposal::{Proposal, deviation};

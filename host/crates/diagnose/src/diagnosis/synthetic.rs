@@ -590,7 +590,7 @@ fn what_real_sensors_do_is_named_by_its_evidence_and_nothing_else_is() {
 }
 
 #[test]
-#[ignore = "a hundred sets"]
+#[ignore = "a hundred sets, minutes: ci/full"]
 fn each_is_named_in_nine_of_ten_draws() {
     let mut all = Vec::new();
     for case in &CASES {
@@ -607,7 +607,7 @@ fn each_is_named_in_nine_of_ten_draws() {
 
 /// Hidden, found, named, added: the gap of the model with it is smaller.
 #[test]
-#[ignore = "whole diagnoses"]
+#[ignore = "whole diagnoses, minutes: ci/full"]
 fn each_is_added_to_the_model_and_the_gap_shrinks() {
     let mut all = Vec::new();
     for case in &CASES {

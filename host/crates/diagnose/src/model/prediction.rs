@@ -140,7 +140,8 @@ impl Prediction {
     }
 
     /// Deviation, standard deviations, of every statistic that both have, that has a scatter, and
-    /// that does more than bar effects. `allowance` holds standard deviations that come from the set-up, not from the sensor.
+    /// that does more than bar effects. `allowance` holds standard deviations that come from the
+    /// set-up, not from the sensor.
     pub fn deviations(
         &self,
         values: &Values,

@@ -99,6 +99,13 @@ pub struct Selection {
     pub barred: Vec<String>,
 }
 
+impl Selection {
+    /// No effects beside those of a model.
+    pub(super) fn empty(model: Evaluation) -> Self {
+        Self { model, steps: Vec::new(), confounded: Vec::new(), barred: Vec::new() }
+    }
+}
+
 /// The effects that stand out by their own evidence, put in together; one after the other, the
 /// clearest first, where together they do harm.
 pub(super) fn seeded(
@@ -107,12 +114,7 @@ pub(super) fn seeded(
     mut seeds: Vec<Proposal>,
 ) -> Result<Selection> {
     if seeds.is_empty() {
-        return Ok(Selection {
-            model: before.clone(),
-            steps: Vec::new(),
-            confounded: Vec::new(),
-            barred: Vec::new(),
-        });
+        return Ok(Selection::empty(before.clone()));
     }
     seeds.sort_by(|a, b| b.strength.total_cmp(&a.strength));
     let with = |model: &Evaluation, more: &[Proposal]| -> Result<Option<Evaluation>> {
@@ -132,7 +134,7 @@ pub(super) fn seeded(
             }
         }
     }
-    let steps = model.named.iter().map(|proposal| {
+    let seeded = |proposal: &Proposal| {
         // The square of a deviation is the deviance that it makes, in both halves together.
         let each = 0.5 * proposal.strength.powi(2);
         let trial = Trial {
@@ -143,9 +145,9 @@ pub(super) fn seeded(
             explains: f64::NAN,
         };
         step(&measured.holdout, before, &model, trial, Vec::new())
-    });
-    let (confounded, barred) = (Vec::new(), Vec::new());
-    Ok(Selection { steps: steps.collect(), model, confounded, barred })
+    };
+    let steps = model.named.iter().map(seeded).collect();
+    Ok(Selection { steps, ..Selection::empty(model) })
 }
 
 /// Adds the best candidate of each round until none is significant. `wanted` is whether a kind may

@@ -88,7 +88,7 @@ pub fn run_from(
     // What stands out by itself may be part of an effect that has no evidence of its own, as a glow
     // is dark current too.
     if !start.steps.is_empty() && !found.after.passes() {
-        let empty = forward::seeded(measured, &before, Vec::new())?;
+        let empty = Selection::empty(before.clone());
         let other = search(&empty, &|kind, _| known(kind))?;
         if other.after.deviance() < found.after.deviance() {
             (start, found) = (empty, other);

@@ -87,7 +87,8 @@ mod tests {
         Prediction::new(&replicates).of[&(Place::Stack(0), What::SiteMean(0))]
     }
 
-    /// The means of sixteen replicates each differ by 0.35 standard deviations of 1: by 2.7 at most.
+    /// The means of sixteen replicates each differ by 0.35 standard deviations of 1: by 2.7 at
+    /// most.
     #[test]
     fn what_is_further_off_beyond_chance_is_worse() {
         let off = |allowed, before, after| {

@@ -48,8 +48,9 @@ fn reference_set_and_the_emva1288_package() {
     near(f.dark_current_mean_e_per_s, 29.570, 0.15, "dark current");
 }
 
-/// One level, the least that a bench has, gives the closed forms of two points: K = (V_f − V_d)/(µ_f − µ_d), and the patterns of the same stacks. What a saturation would
-/// give is not determined, and named.
+/// One level, the least that a bench has, gives the closed forms of two points:
+/// K = (V_f − V_d)/(µ_f − µ_d), and the patterns of the same stacks. What a saturation would give
+/// is not determined, and named.
 #[test]
 fn one_level_gives_what_it_determines() {
     let sensor = Sensor { gain: 0.25, read_e: 5.0, dsnu_e_per_s: 200.0, ..Sensor::default() };
