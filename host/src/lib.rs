@@ -13,6 +13,7 @@
 //! | [`prescription`], [`lens`], [`lens_files`], [`optics`] | prescriptions, tables over the field | irradiance, W m⁻² nm⁻¹ |
 //! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
+//! | [`gige`] | a source of raw frames | a GigE Vision camera on the network |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
 //! | [`estimates`] | dark and flat frames | gain, noise, dark current, each with its own error |
@@ -74,6 +75,7 @@ pub use camrig_estimates as estimates;
 pub use camrig_exposure as exposure;
 pub use camrig_fit as fit;
 pub use camrig_formats as formats;
+pub use camrig_gige as gige;
 pub use camrig_glass as glass;
 pub use camrig_lens as lens;
 pub use camrig_lens_files as lens_files;

@@ -292,9 +292,11 @@ impl Registers {
     pub fn exposure(&self) -> Exposure {
         let timing = self.in_force(self.exposure_delay);
         let lines = timing.lines.min(timing.frame_length);
-        // Both factors are exact in f32 for all register values that matter (below 2^24).
+        let exposure_ns = u64::from(lines) * u64::from(self.line_ns);
         Exposure {
-            exposure_s: f32::from(lines) * (self.line_ns as f32 * 1e-9),
+            // 1e9 is exact in f32, and so are ns of 24 bits and zeros: then one rounding, to the
+            // value that these seconds have wherever they are written.
+            exposure_s: exposure_ns as f32 / 1e9,
             analog_gain: f32::from(self.in_force(self.gain_delay).gain_code)
                 / f32::from(UNITY_GAIN_CODE),
         }
@@ -330,11 +332,9 @@ mod tests {
         assert!(r.write(address::COARSE_INTEGRATION_TIME, 500));
         assert!(r.write(address::ANALOG_GAIN, 640));
         let e = r.exposure();
-        // One rounding each in 20000e-9, and in its product with 500.
-        assert!((e.exposure_s - 0.01).abs() <= 2.0 * f32::EPSILON * 0.01);
-        assert_eq!(e.analog_gain, 2.5);
+        assert_eq!((e.exposure_s, e.analog_gain), (0.01, 2.5));
         assert!(r.write(address::FRAME_LENGTH_LINES, 100));
-        assert!((r.exposure().exposure_s - 0.002).abs() <= 2.0 * f32::EPSILON * 0.002);
+        assert_eq!(r.exposure().exposure_s, 0.002);
         assert_eq!(r.frame_lines(), (100, 20_000));
     }
 

@@ -1,6 +1,6 @@
 //! `camrig rig`: use rigs, or emulate one.
 
-use super::listen;
+use super::{listen, rig_gige};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_render::Arithmetic;
@@ -13,6 +13,7 @@ use camrig_sensor_core::effects::Effect;
 use clap::Subcommand;
 use serde_json::json;
 use std::io::{Read, Write};
+use std::net::SocketAddrV4;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -35,7 +36,7 @@ enum Command {
     List(ListArgs),
     Info(InfoArgs),
     Stream(Box<super::rig_stream::Args>),
-    Serve(ServeArgs),
+    Serve(Box<ServeArgs>),
     Log(LogArgs),
     Register(RegisterArgs),
     View(Box<super::rig_view::Args>),
@@ -61,14 +62,17 @@ struct InfoArgs {
     json: bool,
 }
 
-/// Run the emulator as a server, on TCP, a pseudo-terminal or a device file
+/// Run the emulator as a server: a rig on TCP, a pseudo-terminal or a device file, or a camera on
+/// the network
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig serve --tcp 127.0.0.1:7420\n  \
     camrig rig serve --tcp 0.0.0.0:7420 --allow-remote --token\n  \
     camrig rig serve --pty\n  \
+    camrig rig serve --gige 127.0.0.1 --camera mt9v024 --scene colorchecker --exposure 5ms\n  \
     camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
-#[command(group(clap::ArgGroup::new("link").required(true).args(["tcp", "pty", "device"])))]
+#[command(group(clap::ArgGroup::new("link")
+    .required(true).args(["tcp", "pty", "device", "gige"])))]
 struct ServeArgs {
     /// Listen on HOST:PORT. Serves one host at a time; a host that has been silent for 10 s is
     /// dropped when another one connects
@@ -76,7 +80,7 @@ struct ServeArgs {
     tcp: Option<String>,
     /// Allow an address that other machines can reach: anyone who connects, with the token if there
     /// is one, can read and write the rig's registers and take its frames
-    #[arg(long, requires = "tcp")]
+    #[arg(long, conflicts_with_all = ["pty", "device"])]
     allow_remote: bool,
     /// Accept only hosts that know a token: this one, or without TEXT a random one, printed with
     /// the address. It crosses the network unencrypted
@@ -103,6 +107,19 @@ struct ServeArgs {
         value_parser = clap::value_parser!(u16).range(8..=4096)
     )]
     report: Option<u16>,
+    /// Be a GigE Vision camera at this address of the machine, for programs that take one (Aravis,
+    /// GenICam, machine vision). One application controls it at a time; settings and faults are
+    /// its features
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        value_parser = rig_gige::place,
+        num_args = 0..=1,
+        default_missing_value = "127.0.0.1"
+    )]
+    gige: Option<SocketAddrV4>,
+    #[command(flatten)]
+    gige_camera: rig_gige::Args,
     /// Pretend to support only these protocol versions, to test a host's messages
     #[arg(long, value_name = "OLDEST,NEWEST", value_parser = versions, hide = true)]
     versions: Option<(u8, u8)>,
@@ -266,12 +283,15 @@ fn info(args: &InfoArgs) -> Result<()> {
 }
 
 fn serve(args: &ServeArgs) -> Result<()> {
-    let emulator = Emulator::new(args.versions);
     // The address goes to standard output: scripts wait for it.
     let ready = |url: String| {
         println!("{url}");
         let _ = std::io::stdout().flush();
     };
+    if let Some(place) = args.gige {
+        return rig_gige::serve(place, args.allow_remote, &args.gige_camera, ready);
+    }
+    let emulator = Emulator::new(args.versions);
     if let Some(address) = &args.tcp {
         return serve_tcp(address, args, emulator, ready);
     }

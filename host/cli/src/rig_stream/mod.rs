@@ -10,7 +10,8 @@ use super::arguments::{
 };
 use super::live;
 use super::readout::ReadoutArgs;
-use super::scene_lights::{NextLight, SceneLights};
+use super::rig_frames::RigFrames;
+use super::scene_lights::SceneLights;
 use super::times::{self, TimeArgs};
 use super::view_args::{self, SequenceArgs};
 use crate::stop::Stoppable;
@@ -19,7 +20,7 @@ use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::script::{Script, Write, exposure_cut, settings_held};
-use camrig_rig::{FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
+use camrig_rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
 use light::Light;
 use output::Output;
@@ -164,14 +165,6 @@ pub struct Args {
 /// Default number of frames of a scene without an end.
 const FRAMES: u32 = 10;
 
-/// Memory for rows encoded for the link, bytes: if all cubes fit, their rows are encoded once for
-/// all frames. A trade-off: any workstation can spare a gibibyte.
-pub(super) const KEPT_BYTES: usize = 1 << 30;
-
-fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, args: &Args) -> Feed<'a> {
-    if args.collapse { Feed::collapsed(cube, sensor) } else { Feed::spectral(cube) }
-}
-
 /// Performs a script's writes before a frame; prints the settings of the first frame, and where the
 /// frame length limits the exposure.
 fn write_registers(
@@ -248,11 +241,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         output.prepare(args, &camera, &sensors[0])?;
     }
     let before = rig.link_bytes();
-    let (still, sequence) = (light.stands_still(), light.is_sequence());
-    let usual = if sequence { u32::MAX } else { FRAMES };
+    let usual = if light.is_sequence() { u32::MAX } else { FRAMES };
     let count = args.frames.unwrap_or(usual);
-    let stream =
-        Stream { args, camera: &camera, cubes: &light.cubes, sensors: &sensors, still, count };
+    let stream = Stream { args, camera: &camera, cubes: &light.cubes, sensors: &sensors, count };
     let mut taken = Taken { pace: Pace::new(args.fps), outcome: Outcome::default() };
     let stop = Stoppable::new();
     let scene = light.scene.as_mut();
@@ -316,8 +307,6 @@ struct Stream<'a> {
     cubes: &'a [IrradianceCube],
     /// A sensor for each of the cubes.
     sensors: &'a [SimulatedSensor],
-    /// Whether all frames have the same light.
-    still: bool,
     /// Maximum number of frames.
     count: u32,
 }
@@ -334,55 +323,29 @@ impl Stream<'_> {
         &self,
         rig: &mut Rig,
         script: Option<&Script>,
-        mut scene: Option<&mut SceneLights>,
+        scene: Option<&mut SceneLights>,
         output: &mut Option<Output>,
         taken: &mut Taken,
         stop: &Stoppable,
     ) -> Result<()> {
-        let Self { args, cubes, sensors, count, .. } = *self;
-        let mut feeds: Vec<Feed<'_>> =
-            cubes.iter().zip(sensors).map(|(cube, sensor)| feed(cube, sensor, args)).collect();
-        if feeds.iter().map(Feed::bytes).sum::<usize>() <= KEPT_BYTES {
-            feeds = feeds.into_iter().map(Feed::kept).collect();
-        }
+        let args = self.args;
         let by_registers = args.by_registers || script.is_some();
-        let in_time = scene.as_ref().is_some_and(|scene| scene.change_within_frames());
-        let mut mirror = (by_registers && in_time).then(Mirror::default);
-        let bar = arguments::frames_bar(count);
-        // Irradiance of a scene that has changed since the first frame.
-        let mut changed: Option<IrradianceCube> = None;
-        // Cubes of one light level have one sensor on the rig; another level is another one.
-        let mut level = cubes[0].header.level;
-        let mut previous_exposure_s = None;
-        rig.set_camera(&sensors[0])?;
+        let mut frames = RigFrames::new(self.cubes, self.sensors, scene, args.collapse);
+        let bar = arguments::frames_bar(self.count);
+        frames.begin(rig)?;
         taken.pace.start();
-        for i in 0..count {
+        for i in 0..self.count {
             write_registers(rig, script, i, by_registers)?;
-            let exposure_s = self.exposure_s(rig, &mut mirror, scene.as_deref_mut())?;
-            let light = scene.as_mut().map(|s| s.next(i, exposure_s.into(), &cubes[0]));
-            match light.unwrap_or(Ok(NextLight::Same))? {
-                NextLight::Same => {}
-                NextLight::Changed(cube) => changed = Some(cube),
-                NextLight::Over => break,
+            if !frames.light(rig, i, args.exposure)? {
+                break;
             }
             taken.pace.wait(rig, stop);
             if stop.is_asked() {
                 break;
             }
-            let at = i as usize % cubes.len();
-            let request = self.request(i, by_registers, previous_exposure_s);
             taken.pace.begin();
-            if level != cubes[at].header.level {
-                level = cubes[at].header.level;
-                rig.set_camera(&sensors[at])?;
-            }
-            let sensor = &sensors[at];
-            let frame: RigFrame = match &changed {
-                Some(cube) => rig.frame_from(&mut feed(cube, sensor, args), sensor, &request)?,
-                None => rig.frame_from(&mut feeds[at], sensor, &request)?,
-            };
+            let frame = frames.take(rig, i, self.request(i, by_registers))?;
             let time = taken.pace.end();
-            previous_exposure_s = Some(frame.start.exposure.exposure_s);
             if let Some(restored) = &frame.restored {
                 eprintln!(
                     "note: in frame {i} the rig restarted with other registers; restored: \
@@ -395,14 +358,13 @@ impl Stream<'_> {
                 taken.outcome.standby += u64::from(standby);
             }
             check_exposure(args, frame.start.exposure.exposure_s.into())?;
-            let missed = in_time && frame.start.exposure.exposure_s != exposure_s;
-            taken.outcome.exposure_missed += u64::from(missed);
+            taken.outcome.exposure_missed += u64::from(frames.missed(&frame));
             if args.json {
                 taken.outcome.records.push(Record::new(&frame, time));
             }
             if let Some(output) = output {
                 let nominal = args.fps.map(|fps| f64::from(i) / fps);
-                output.take(&frame, sensor, nominal.unwrap_or(time.begin))?;
+                output.take(&frame, frames.sensor(i), nominal.unwrap_or(time.begin))?;
             }
             bar.inc(1);
         }
@@ -410,39 +372,19 @@ impl Stream<'_> {
         Ok(())
     }
 
-    /// The exposure of the next frame, s, for which its light is made.
-    fn exposure_s(
-        &self,
-        rig: &mut Rig,
-        mirror: &mut Option<Mirror>,
-        scene: Option<&mut SceneLights>,
-    ) -> Result<f32> {
-        let (Some(mirror), Some(times)) = (mirror, scene.and_then(SceneLights::times)) else {
-            return Ok(self.args.exposure.unwrap_or(1.0) as f32);
-        };
-        let coming = mirror.next_frame(rig)?;
-        times.set(coming.lines, coming.line_ns);
-        Ok(coming.exposure_s)
-    }
-
-    /// The request for a frame after one of another exposure.
-    fn request(
-        &self,
-        frame: u32,
-        by_registers: bool,
-        previous_exposure_s: Option<f32>,
-    ) -> FrameRequest {
+    /// The request for a frame.
+    fn request(&self, frame: u32, by_registers: bool) -> FrameRequest {
         let args = self.args;
         let number = args.frame_seed.wrapping_add(frame);
-        let mut settings = self.camera.settings(number, args.exposure.unwrap_or(1.0), args.gain);
-        settings.previous_exposure_s = previous_exposure_s;
         FrameRequest {
-            settings,
             arithmetic: args.arith,
-            collapse: args.collapse,
-            lit_before: frame > 0 && self.still,
             by_registers,
             rows_stay: args.rows_stay,
+            ..FrameRequest::new(self.camera.settings(
+                number,
+                args.exposure.unwrap_or(1.0),
+                args.gain,
+            ))
         }
     }
 }

@@ -1,0 +1,333 @@
+//! `camrig rig serve --gige`: the emulator in front of a scene, as a GigE Vision camera.
+
+use super::arguments::{arithmetic, duration, frames_per_s, gain};
+use super::listen;
+use super::notes::Notes;
+use super::rig_frames::RigFrames;
+use super::scene_lights::SceneLights;
+use super::times::{self, TimeArgs};
+use super::view_args::ViewArgs;
+use crate::stop::Stoppable;
+use camrig_base::numbers::counted;
+use camrig_base::{Cfa, Error, Result};
+use camrig_camera::Camera;
+use camrig_formats::Format;
+use camrig_formats::live::{Beside, LiveEncoder};
+use camrig_gige::{self as gige, Order, Pattern, Sensor, Server, Taken, Timing};
+use camrig_render::readout::Region;
+use camrig_render::{Arithmetic, SimulatedSensor};
+use camrig_rig::remembering::remembering;
+use camrig_rig::script::Write as Setting;
+use camrig_rig::stage::changing_light;
+use camrig_rig::{FrameRequest, Rig};
+use camrig_rig_link::registers::address;
+use clap::error::ErrorKind;
+use clap::{ArgMatches, Command, FromArgMatches};
+use std::net::{Ipv4Addr, SocketAddrV4};
+
+/// Frame rate without one asked for or in the camera file, frames/s.
+const USUAL_FPS: f64 = 30.0;
+/// The fault that lasts, of the rig's fault register.
+const STUCK_COUNTER: u16 = 3;
+
+/// What the camera sees, and how it begins.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "Camera of --gige")]
+pub struct Args {
+    #[command(flatten)]
+    view: OptionalView,
+    #[command(flatten)]
+    time: TimeArgs,
+    /// Exposure time at the start
+    #[arg(
+        long,
+        value_parser = duration,
+        allow_hyphen_values = true,
+        value_name = "TIME",
+        default_value = "10ms"
+    )]
+    exposure: f64,
+    /// Analog gain at the start [default: that of the camera file]
+    #[arg(long, requires = "gige", value_parser = gain, value_name = "G")]
+    gain: Option<f64>,
+    /// Frame rate at the start, frames/s [default: that of the camera file's timing, or 30]
+    #[arg(long, requires = "gige", value_parser = frames_per_s, value_name = "F")]
+    fps: Option<f64>,
+    /// Arithmetic of the sensor stage
+    #[arg(long, value_parser = arithmetic(), default_value_t)]
+    arith: Arithmetic,
+    /// Expose mean electrons instead of spectral bands: many times faster, 2⁻¹⁷ more rounding
+    #[arg(long, requires = "gige")]
+    collapse: bool,
+}
+
+/// Camera and scene, which only some kinds of `rig serve` need.
+#[derive(Debug)]
+struct OptionalView(Option<ViewArgs>);
+
+impl clap::Args for OptionalView {
+    fn augment_args(command: Command) -> Command {
+        // Those for an update require none.
+        ViewArgs::augment_args_for_update(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        ViewArgs::augment_args_for_update(command)
+    }
+}
+
+impl FromArgMatches for OptionalView {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        match ["gige", "camera", "scene"].map(|id| matches.contains_id(id)) {
+            [false, false, false] => Ok(Self(None)),
+            [true, true, true] => ViewArgs::from_arg_matches(matches).map(|view| Self(Some(view))),
+            _ => Err(clap::Error::raw(
+                ErrorKind::MissingRequiredArgument,
+                "--gige needs --camera and --scene, and is what they are for\n",
+            )),
+        }
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+/// Reads `ADDRESS` or `ADDRESS:PORT`.
+pub fn place(text: &str) -> Result<SocketAddrV4, String> {
+    let alone = text.parse::<Ipv4Addr>().map(|ip| SocketAddrV4::new(ip, gige::gvcp::PORT));
+    alone
+        .or_else(|_| text.parse())
+        .map_err(|_| format!("{text:?} is not an IPv4 address of this machine such as 127.0.0.1"))
+}
+
+/// Serves applications at an address until a signal asks to stop.
+pub fn serve(
+    place: SocketAddrV4,
+    allow_remote: bool,
+    args: &Args,
+    ready: impl FnOnce(String),
+) -> Result<()> {
+    let view = args.view.0.as_ref().ok_or_else(|| Error::internal("no camera and scene"))?;
+    let opens = "take this camera's frames and control it";
+    listen::remote(&place.to_string(), allow_remote, opens)?;
+    let server = Server::bind(place).map_err(|e| {
+        Error::device(format!("cannot listen there: {e}")).at(place).help(
+            "use an address of this machine, and another one of it for each camera: 127.0.0.2, ...",
+        )
+    })?;
+    let camera = view.camera.load()?;
+    let pattern = pattern(&camera.sensor.cfa)?;
+    let changes =
+        view.motion.is_some() || args.time.is_given() || view.sequence.is_sequence(&view.scene)?;
+    let times = if changes { args.time.times(&camera, args.fps)? } else { None };
+    let fps = args.fps.or(camera.sensor.timing.is_none().then_some(USUAL_FPS));
+    let (mut lights, first) = SceneLights::open(view, &camera, fps, times, Notes::default())?;
+    let cubes = [first.cube];
+    let sensors = [SimulatedSensor::new(&camera, &cubes[0].header)?];
+    if let (false, Some(effect)) = (lights.stand_still(), remembering(&sensors[0]).next()) {
+        return Err(changing_light(effect));
+    }
+    let mut rig = Rig::open("emulator:")?;
+    let sensor = sensor(&mut rig, args, &camera, pattern, *server.address().ip(), fps)?;
+    let bound_to_rate = changes && camera.sensor.timing.is_none();
+    let frames = RigFrames::new(&cubes, &sensors, Some(&mut lights), args.collapse);
+    frames.begin(&mut rig)?;
+    let mut source = Source {
+        camera: &camera,
+        arithmetic: args.arith,
+        rig,
+        frames,
+        written: None,
+        is_stuck: false,
+        frame_lines: bound_to_rate.then_some(sensor.timing.frame_lines),
+    };
+    if !server.is_found_by_broadcast() {
+        eprintln!(
+            "note: discovery by broadcast does not find this camera: another program holds the \
+             broadcast address; applications find it at {}",
+            server.address()
+        );
+    }
+    ready(format!("gige://{}", server.address()));
+    let stop = Stoppable::new();
+    let counts = server.run(sensor, &mut source, || stop.is_asked())?;
+    eprintln!(
+        "sent {}, {} repeated",
+        counted(counts.blocks as usize, "frame"),
+        counted(counts.repeated as usize, "packet")
+    );
+    Ok(())
+}
+
+/// The colour filters as GigE Vision knows them.
+fn pattern(cfa: &Cfa) -> Result<Pattern> {
+    Ok(match cfa.to_string().as_str() {
+        _ if cfa.is_mono() => Pattern::Mono,
+        "RGGB" => Pattern::BayerRg,
+        "GRBG" => Pattern::BayerGr,
+        "GBRG" => Pattern::BayerGb,
+        "BGGR" => Pattern::BayerBg,
+        other => {
+            return Err(Error::unsupported(format!("the pattern {other} over GigE Vision"))
+                .help("its pixel formats are of Bayer patterns, or without colour filters"));
+        }
+    })
+}
+
+/// Programs the rig's registers as at power-on, and returns the sensor that they make.
+fn sensor(
+    rig: &mut Rig,
+    args: &Args,
+    camera: &Camera,
+    pattern: Pattern,
+    ip: Ipv4Addr,
+    fps: Option<f64>,
+) -> Result<Sensor> {
+    let timing = camera.sensor.timing;
+    let line_ns = match timing {
+        Some(timing) => (1e3 * timing.line_time_us).round() as u32,
+        None => rig.read_register(address::LINE_LENGTH_NS)?,
+    };
+    let by_rate = |fps: f64| (1e9 / (fps * f64::from(line_ns))).round() as u32;
+    let frame_lines = match (fps, timing) {
+        (None, Some(timing)) => timing.frame_length_lines,
+        (fps, _) => by_rate(fps.unwrap_or(USUAL_FPS)),
+    };
+    let min_frame_lines = timing.map_or(1, |_| camera.sensor.height);
+    let allowed = min_frame_lines..=u16::MAX.into();
+    if !allowed.contains(&frame_lines) {
+        let what = format!("frames of {frame_lines} lines of {line_ns} ns");
+        let help =
+            format!("the sensor has {} to {}: choose another --fps", min_frame_lines, u16::MAX);
+        return Err(Error::limit(what).help(help));
+    }
+    times::program(rig, (line_ns, frame_lines))?;
+    Setting::Exposure(args.exposure).apply(rig)?;
+    Setting::Gain(args.gain.unwrap_or(camera.sensor.analog_gain)).apply(rig)?;
+    let mut read = |address| rig.read_register(address).map(|value| value as u16);
+    Ok(Sensor {
+        model: camera.name.clone(),
+        serial: ip.to_string(),
+        width: camera.sensor.width,
+        height: camera.sensor.height,
+        pattern,
+        bits: camera.sensor.bits.into(),
+        line_ns,
+        min_frame_lines: min_frame_lines as u16, // within the range
+        timing: Timing {
+            exposure_lines: read(address::COARSE_INTEGRATION_TIME)?,
+            frame_lines: frame_lines as u16, // within the range
+            gain_code: read(address::ANALOG_GAIN)?,
+        },
+    })
+}
+
+/// The rig as a source of frames.
+struct Source<'a> {
+    camera: &'a Camera,
+    arithmetic: Arithmetic,
+    rig: Rig,
+    frames: RigFrames<'a>,
+    /// Registers as last written, by their addresses.
+    written: Option<[(u16, u16); 5]>,
+    /// Whether the fault register holds a fault that lasts.
+    is_stuck: bool,
+    /// Frame length that a changing scene keeps time with, until that was reported.
+    frame_lines: Option<u16>,
+}
+
+impl Source<'_> {
+    /// Writes what the order asks for into the rig's registers, which act with their delay.
+    fn write(&mut self, order: &Order) -> Result<()> {
+        let Timing { exposure_lines, frame_lines, gain_code } = order.timing;
+        let wanted = [
+            (address::FRAME_LENGTH_LINES, frame_lines),
+            (address::COARSE_INTEGRATION_TIME, exposure_lines),
+            (address::ANALOG_GAIN, gain_code),
+            (address::TEST_DATA, order.test_value),
+            (address::TEST_PATTERN, order.test_pattern),
+        ];
+        if order.after_standby {
+            self.rig.write_register(address::MODE_SELECT, 0)?;
+            self.frames.stood_by();
+        }
+        for (i, (register, value)) in wanted.into_iter().enumerate() {
+            if self.written.is_none_or(|written| written[i].1 != value) {
+                self.rig.write_register(register, value.into())?;
+            }
+        }
+        self.written = Some(wanted);
+        if order.after_standby {
+            self.rig.write_register(address::MODE_SELECT, 1)?;
+        }
+        if order.fault != 0 || self.is_stuck {
+            self.rig.write_register(address::FAULT_ARGUMENT, order.fault_argument.into())?;
+            self.rig.write_register(address::FAULT, order.fault.into())?;
+            self.is_stuck = order.fault == STUCK_COUNTER;
+        }
+        if self.frame_lines.take_if(|lines| *lines != frame_lines).is_some() {
+            eprintln!(
+                "note: the scene keeps the time of the frame rate at the start: the camera file \
+                 has no [sensor.timing]"
+            );
+        }
+        Ok(())
+    }
+
+    /// Pixels of the part of a frame that is sent.
+    fn encode(&self, order: &Order, frame: &camrig_rig::RigFrame) -> Result<Vec<u8>> {
+        let gige::Region { x, y, width, height } = order.region;
+        let [x, y, width, height] = [x, y, width, height].map(|side| side as usize);
+        let raw = frame.to_raw(self.frames.sensor(order.frame))?;
+        let raw = match (width, height) == (raw.width, raw.height) {
+            true => raw,
+            false => Region { x, y, width, height }.of(&raw)?,
+        };
+        let format = Format::parse(&order.pixel_format)?;
+        LiveEncoder::new(format, None)?.encode(&raw, &Beside::default())
+    }
+}
+
+impl gige::Camera for Source<'_> {
+    type Error = Error;
+
+    fn take(&mut self, order: &Order) -> Result<Taken> {
+        self.write(order)?;
+        if !self.frames.light(&mut self.rig, order.frame, None)? {
+            return Ok(Taken::End);
+        }
+        let request = FrameRequest {
+            arithmetic: self.arithmetic,
+            by_registers: true,
+            ..FrameRequest::new(self.camera.settings(order.frame, 1.0, None))
+        };
+        let frame = self.frames.take(&mut self.rig, order.frame, request)?;
+        let counter = frame.start.counter;
+        Ok(match frame.dropped {
+            true => Taken::Dropped(counter),
+            false => Taken::Image(self.encode(order, &frame)?, counter),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_has_an_address_and_the_port_of_gvcp() {
+        assert_eq!(place("127.0.0.2"), Ok(SocketAddrV4::new(Ipv4Addr::new(127, 0, 0, 2), 3956)));
+        assert_eq!(place("127.0.0.1:0").map(|place| place.port()), Ok(0));
+        assert!(place("localhost").unwrap_err().contains("127.0.0.1"));
+    }
+
+    #[test]
+    fn patterns_are_those_that_gige_vision_names() {
+        let of = |text| pattern(&Cfa::parse(text).unwrap());
+        assert_eq!(of("GBRG").unwrap(), Pattern::BayerGb);
+        assert_eq!(of("mono").unwrap(), Pattern::Mono);
+        assert!(of("RCCB").unwrap_err().to_string().contains("RCCB"));
+    }
+}
