@@ -1,12 +1,14 @@
 //! `camrig rig serve --gige`: the emulator in front of a scene, as a GigE Vision camera.
 
-use super::arguments::{arithmetic, duration, frames_per_s, gain};
+use super::arguments::{
+    CameraArgs, DeviceArgs, arithmetic, duration, frames_per_s, gain, positive,
+};
 use super::listen;
 use super::notes::Notes;
 use super::rig_frames::RigFrames;
 use super::scene_lights::SceneLights;
 use super::times::{self, TimeArgs};
-use super::view_args::ViewArgs;
+use super::view_args::{self, SequenceArgs, ViewArgs};
 use crate::stop::Stoppable;
 use camrig_base::numbers::counted;
 use camrig_base::{Cfa, Error, Result};
@@ -15,7 +17,7 @@ use camrig_formats::Format;
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_gige::{self as gige, Order, Pattern, Sensor, Server, Taken, Timing};
 use camrig_render::readout::Region;
-use camrig_render::{Arithmetic, SimulatedSensor};
+use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::remembering::remembering;
 use camrig_rig::script::Write as Setting;
 use camrig_rig::stage::changing_light;
@@ -35,7 +37,7 @@ const STUCK_COUNTER: u16 = 3;
 #[command(next_help_heading = "Camera of --gige")]
 pub struct Args {
     #[command(flatten)]
-    view: OptionalView,
+    view: OptionalScene,
     #[command(flatten)]
     time: TimeArgs,
     /// Exposure time at the start
@@ -61,29 +63,71 @@ pub struct Args {
     collapse: bool,
 }
 
-/// Camera and scene, which only some kinds of `rig serve` need.
-#[derive(Debug)]
-struct OptionalView(Option<ViewArgs>);
+/// Camera and scene.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "Camera of --gige")]
+struct SceneArgs {
+    #[command(flatten)]
+    camera: CameraArgs,
+    /// Scene, or a sequence: a folder of pictures or cubes, video (clip.y4m), or a stream of video
+    /// or camrig-frames/1 from standard input (-) or from a socket on which camrig listens
+    /// (tcp://127.0.0.1:PORT, unix:PATH)
+    #[arg(long, value_name = "S", allow_hyphen_values = true)]
+    scene: String,
+    /// Light on a reflectance scene [default: D65]
+    #[arg(long, value_name = "I")]
+    illuminant: Option<String>,
+    /// Scene illuminance, lx; a radiance scene is scaled to it
+    #[arg(long, value_parser = positive, value_name = "X")]
+    lux: Option<f64>,
+    #[command(flatten)]
+    sequence: SequenceArgs,
+    /// Move the scene: pixels per frame, to the right and down
+    #[arg(long, value_name = "DX,DY", value_parser = view_args::pair, allow_hyphen_values = true)]
+    motion: Option<[f64; 2]>,
+    /// How light gets from scene to sensor: bands, or, faster, components or live (see `camrig
+    /// simulate --help`)
+    #[arg(long, value_name = "PATH", default_value = "bands")]
+    path: OpticsPath,
+}
 
-impl clap::Args for OptionalView {
-    fn augment_args(command: Command) -> Command {
-        // Those for an update require none.
-        ViewArgs::augment_args_for_update(command)
-    }
-
-    fn augment_args_for_update(command: Command) -> Command {
-        ViewArgs::augment_args_for_update(command)
+impl SceneArgs {
+    fn view(&self) -> ViewArgs {
+        let still = ViewArgs::still(
+            self.camera.clone(),
+            self.scene.clone(),
+            self.illuminant.as_deref(),
+            self.lux,
+            DeviceArgs::default(),
+        );
+        let (motion, path, sequence) = (self.motion, self.path, self.sequence.clone());
+        ViewArgs { motion, path, sequence, ..still }
     }
 }
 
-impl FromArgMatches for OptionalView {
+/// Camera and scene, which only this kind of `rig serve` has.
+#[derive(Debug)]
+struct OptionalScene(Option<SceneArgs>);
+
+impl clap::Args for OptionalScene {
+    fn augment_args(command: Command) -> Command {
+        // Those for an update require none.
+        SceneArgs::augment_args_for_update(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        SceneArgs::augment_args_for_update(command)
+    }
+}
+
+impl FromArgMatches for OptionalScene {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        match ["gige", "camera", "scene"].map(|id| matches.contains_id(id)) {
-            [false, false, false] => Ok(Self(None)),
-            [true, true, true] => ViewArgs::from_arg_matches(matches).map(|view| Self(Some(view))),
+        match ["camera", "scene"].map(|id| matches.contains_id(id)) {
+            [false, false] => Ok(Self(None)),
+            [true, true] => SceneArgs::from_arg_matches(matches).map(|scene| Self(Some(scene))),
             _ => Err(clap::Error::raw(
                 ErrorKind::MissingRequiredArgument,
-                "--gige needs --camera and --scene, and is what they are for\n",
+                "--camera and --scene go together, for --gige\n",
             )),
         }
     }
@@ -91,6 +135,17 @@ impl FromArgMatches for OptionalView {
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
         *self = Self::from_arg_matches(matches)?;
         Ok(())
+    }
+}
+
+impl Args {
+    /// Refuses a camera and a scene for a rig that has its camera from its host.
+    pub fn refuse_scene(&self) -> Result<()> {
+        match self.view.0 {
+            None => Ok(()),
+            Some(_) => Err(Error::input("a rig with a camera and a scene of its own")
+                .help("hosts bring both; --gige is for applications that bring none")),
+        }
     }
 }
 
@@ -109,7 +164,11 @@ pub fn serve(
     args: &Args,
     ready: impl FnOnce(String),
 ) -> Result<()> {
-    let view = args.view.0.as_ref().ok_or_else(|| Error::internal("no camera and scene"))?;
+    let scene = args.view.0.as_ref().ok_or_else(|| {
+        Error::input("--gige without a camera and a scene")
+            .help("give what the camera is and sees: --camera C --scene S")
+    })?;
+    let view = scene.view();
     let opens = "take this camera's frames and control it";
     listen::remote(&place.to_string(), allow_remote, opens)?;
     let server = Server::bind(place).map_err(|e| {
@@ -123,7 +182,7 @@ pub fn serve(
         view.motion.is_some() || args.time.is_given() || view.sequence.is_sequence(&view.scene)?;
     let times = if changes { args.time.times(&camera, args.fps)? } else { None };
     let fps = args.fps.or(camera.sensor.timing.is_none().then_some(USUAL_FPS));
-    let (mut lights, first) = SceneLights::open(view, &camera, fps, times, Notes::default())?;
+    let (mut lights, first) = SceneLights::open(&view, &camera, fps, times, Notes::default())?;
     let cubes = [first.cube];
     let sensors = [SimulatedSensor::new(&camera, &cubes[0].header)?];
     if let (false, Some(effect)) = (lights.stand_still(), remembering(&sensors[0]).next()) {

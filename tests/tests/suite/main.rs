@@ -14,6 +14,7 @@ mod empirical;
 mod examples;
 mod file_circles;
 mod full_disk;
+mod gige;
 mod glass_catalogues;
 mod guide;
 mod hdr_sensors;

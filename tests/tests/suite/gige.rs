@@ -1,0 +1,343 @@
+//! The emulator as a GigE Vision camera, seen by a client that knows the protocol alone.
+
+use super::{camrig_ok, small_camera};
+use camrig::gige::gvcp::{self, code};
+use camrig::gige::gvsp::{self, Kind};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{BufRead, BufReader};
+use std::net::UdpSocket;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+/// Longest wait for the server's address, for a frame, and for an answer.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Silence after which missing packets are asked for.
+const SILENCE: Duration = Duration::from_millis(20);
+const SIZE: (u32, u32) = (64, 48);
+const DENIED: u16 = 0x8006;
+
+struct Server {
+    child: Child,
+    address: String,
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A camera in front of a scene, in a folder where `c.toml` is the camera.
+fn serve(folder: &Path, options: &str) -> Server {
+    let (width, height) = SIZE;
+    std::fs::write(folder.join("c.toml"), small_camera(width, height, &[])).unwrap();
+    let arguments = format!("rig serve --gige 127.0.0.1:0 --camera c.toml {options}");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let stdout = child.stdout.take().unwrap();
+    let (sender, receiver) = mpsc::channel();
+    std::thread::spawn(move || sender.send(BufReader::new(stdout).lines().next()));
+    let line = receiver.recv_timeout(PATIENCE).unwrap().unwrap().unwrap();
+    Server { child, address: line.strip_prefix("gige://").unwrap().to_string() }
+}
+
+/// An image as it was put together.
+struct Image {
+    block: u64,
+    bytes: Vec<u8>,
+}
+
+struct Client {
+    control: UdpSocket,
+    stream: UdpSocket,
+    id: u16,
+    xml: String,
+    /// Packets of blocks that are not whole, by their numbers, and how many the block has.
+    blocks: BTreeMap<u64, (BTreeMap<u32, Vec<u8>>, Option<u32>)>,
+    extended: bool,
+    repeated: u32,
+}
+
+impl Client {
+    fn new(server: &Server) -> Self {
+        let [control, stream] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+        control.connect(&server.address).unwrap();
+        control.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(SILENCE)).unwrap();
+        let (xml, blocks) = (String::new(), BTreeMap::new());
+        let mut client =
+            Self { control, stream, id: 0, xml, blocks, extended: false, repeated: 0 };
+        let url = String::from_utf8(client.read(0x200, 512)).unwrap();
+        let url: Vec<&str> = url.trim_end_matches('\0').split(';').collect();
+        let [address, length] =
+            [1, 2].map(|i| usize::from_str_radix(url[i], 16).unwrap().next_multiple_of(4));
+        let pieces = (0..length)
+            .step_by(512)
+            .map(|at| client.read((address + at) as u32, 512.min(length - at)));
+        client.xml = String::from_utf8(pieces.collect::<Vec<_>>().concat()).unwrap();
+        client
+    }
+
+    /// Status and payload of a command's answer.
+    fn ask(&mut self, code: u16, payload: &[u8]) -> (u16, Vec<u8>) {
+        self.id += 1;
+        self.control.send(&gvcp::request(code, self.id, false, payload)).unwrap();
+        let mut answer = [0; 1000];
+        let length = self.control.recv(&mut answer).unwrap();
+        let (status, id, payload) = gvcp::parse_acknowledgement(&answer[..length]).unwrap();
+        assert_eq!(id, self.id);
+        (status, payload.to_vec())
+    }
+
+    fn read(&mut self, address: u32, count: usize) -> Vec<u8> {
+        let payload = [address, count as u32].map(u32::to_be_bytes);
+        let (status, data) = self.ask(code::READ_MEMORY, payload.as_flattened());
+        assert_eq!(status, 0);
+        data[4..].to_vec()
+    }
+
+    fn write(&mut self, address: u32, data: &[u8]) -> u16 {
+        self.ask(code::WRITE_MEMORY, &[&address.to_be_bytes(), data].concat()).0
+    }
+
+    fn set(&mut self, address: u32, value: u32) {
+        assert_eq!(self.write(address, &value.to_be_bytes()), 0, "{address:#x} {value}");
+    }
+
+    /// Address of a feature by the XML.
+    fn address(&self, feature: &str) -> u32 {
+        let register = format!("Name=\"{feature}Register\"><Address>0x");
+        let (_, rest) = self.xml.split_once(&register).unwrap();
+        u32::from_str_radix(rest.split_once('<').unwrap().0, 16).unwrap()
+    }
+
+    fn set_feature(&mut self, feature: &str, value: u32) {
+        self.set(self.address(feature), value);
+    }
+
+    fn set_float(&mut self, feature: &str, value: f64) {
+        let status = self.write(self.address(feature), &value.to_be_bytes());
+        assert_eq!(status, 0, "{feature} {value}");
+    }
+
+    /// Takes control, and has the stream sent here.
+    fn take_control(&mut self) {
+        self.set(0xA00, 2);
+        self.set(0xD04, 1500);
+        self.set(0xD18, u32::from_be_bytes([127, 0, 0, 1]));
+        self.set(0xD00, self.stream.local_addr().unwrap().port().into());
+    }
+
+    /// A datagram of the stream is put in its place; false after a silence.
+    fn receive(&mut self) -> bool {
+        let mut datagram = [0; 2000];
+        let Ok(length) = self.stream.recv(&mut datagram) else { return false };
+        let packet = gvsp::parse(&datagram[..length]).unwrap();
+        assert_eq!(packet.status, 0, "block {} packet {}", packet.block, packet.number);
+        let (packets, count) = self.blocks.entry(packet.block).or_default();
+        packets.insert(packet.number, packet.body.to_vec());
+        if packet.kind == Kind::Trailer {
+            *count = Some(packet.number + 1);
+        }
+        true
+    }
+
+    /// Asks for what is missing of the blocks at hand; `bytes` are those of a whole packet.
+    fn ask_again(&mut self) {
+        let wanted: Vec<(u64, u32)> = (self.blocks.iter())
+            .flat_map(|(block, (packets, count))| {
+                let last = packets.keys().last().copied().unwrap_or(0);
+                let beyond = if count.is_none() { last + 1 } else { last };
+                let missing = (0..=beyond).filter(|number| !packets.contains_key(number));
+                missing.map(|number| (*block, number)).collect::<Vec<_>>()
+            })
+            .collect();
+        for (block, number) in wanted {
+            let [high, low] = [(block >> 32) as u32, block as u32];
+            let payload = match self.extended {
+                true => vec![0, number, number, high, low],
+                false => vec![low, number, number],
+            };
+            let payload: Vec<u8> = payload.into_iter().flat_map(u32::to_be_bytes).collect();
+            let request = gvcp::request(code::RESEND, 1, self.extended, &payload);
+            self.control.send(&request).unwrap();
+            self.repeated += 1;
+        }
+    }
+
+    /// The next whole image; none after two seconds in which no packet came.
+    fn image(&mut self) -> Option<Image> {
+        let (began, mut heard) = (Instant::now(), Instant::now());
+        loop {
+            let whole = |(packets, count): &(BTreeMap<u32, Vec<u8>>, Option<u32>)| {
+                count.is_some_and(|count| packets.len() == count as usize)
+            };
+            let found = self.blocks.iter().find(|(_, b)| whole(b)).map(|(id, _)| *id);
+            if let Some(block) = found {
+                let (packets, _) = self.blocks.remove(&block).unwrap();
+                let inner = 1..packets.len() as u32 - 1;
+                let bytes = inner.flat_map(|number| packets[&number].clone()).collect();
+                return Some(Image { block, bytes });
+            }
+            match self.receive() {
+                true => heard = Instant::now(),
+                false if heard.elapsed() > Duration::from_secs(2) => return None,
+                false => self.ask_again(),
+            }
+            assert!(began.elapsed() < PATIENCE, "no image");
+        }
+    }
+}
+
+/// Frames that `camrig expose` makes of the light in `a.irr`, from frame 0 on.
+fn exposed(folder: &Path, format: &str, options: &str, count: usize) -> Vec<Vec<u8>> {
+    let arguments =
+        format!("expose --camera c.toml --irradiance a.irr --frames {count} -o - --to {format}");
+    let output = camrig_ok(folder, &format!("{arguments} {options}"));
+    let bytes = output.stdout.len() / count;
+    output.stdout.chunks(bytes).map(<[u8]>::to_vec).collect()
+}
+
+fn light(folder: &Path) {
+    let arguments = "simulate --camera c.toml --scene colorchecker --exposure 5ms -o one.npy \
+                     --save-irradiance a.irr";
+    camrig_ok(folder, arguments);
+}
+
+/// Exposure acts after two frames and gain after one, the delays of the rig's registers.
+#[test]
+fn frames_are_those_of_expose_and_settings_act_after_the_sensors_delay() {
+    const COUNT: usize = 40;
+    let folder = tempfile::tempdir().unwrap();
+    let server = serve(folder.path(), "--scene colorchecker --exposure 5ms --fps 20");
+    light(folder.path());
+    let mut client = Client::new(&server);
+    client.take_control();
+    let formats = client.xml.split_once("Name=\"PixelFormat\"").unwrap().1;
+    let entry = formats.split("EnumEntry Name=\"").find(|e| e.contains("12p\"")).unwrap();
+    let format = entry.split('"').next().unwrap().to_string();
+    let code = entry.split_once("<Value>").unwrap().1.split('<').next().unwrap();
+    client.set_feature("PixelFormat", code.parse().unwrap());
+    client.set_feature("AcquisitionStart", 1);
+    let settings = [("5ms", "1"), ("5ms", "2"), ("10ms", "2")];
+    let expected = settings.map(|(exposure, gain)| {
+        let options = format!("--exposure {exposure} --gain {gain}");
+        exposed(folder.path(), &format, &options, COUNT)
+    });
+    let mut seen = Vec::new();
+    for i in 0..12 {
+        let image = client.image().unwrap();
+        let frame = image.block as usize - 1;
+        assert!(frame < COUNT, "this machine is too slow");
+        let found = expected.iter().position(|frames| frames[frame] == image.bytes);
+        seen.push(found.unwrap_or_else(|| panic!("frame {frame} is none of expose's")));
+        if i == 4 {
+            // Both at once: the addresses are neighbours.
+            let address = client.address("ExposureTime");
+            assert_eq!(client.address("Gain"), address + 8);
+            let gain_db = 20.0 * 2f64.log10();
+            let data = [10_000f64.to_be_bytes(), gain_db.to_be_bytes()].concat();
+            assert_eq!(client.write(address, &data), 0);
+        }
+    }
+    assert!(seen.is_sorted() && seen[..5] == [0; 5] && seen[11] == 2, "{seen:?}");
+    assert_eq!(seen.iter().filter(|s| **s == 1).count(), 1, "{seen:?}");
+}
+
+#[test]
+fn packets_that_are_lost_are_repeated_and_no_frame_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = serve(folder.path(), "--scene ramp --exposure 2ms --fps 100 --collapse");
+    for extended in [false, true] {
+        let mut client = Client::new(&server);
+        client.take_control();
+        client.set(0xD04, 576);
+        client.set(0x960, u32::from(extended) << 30);
+        client.extended = extended;
+        client.set_float("FaultPacketLoss", 3.0);
+        client.set_feature("AcquisitionStart", 1);
+        let images: Vec<Image> = (0..60).map(|_| client.image().unwrap()).collect();
+        let blocks: BTreeSet<u64> = images.iter().map(|image| image.block).collect();
+        let span = blocks.last().unwrap() - blocks.first().unwrap();
+        assert_eq!((blocks.len(), span), (60, 59), "{blocks:?}");
+        let bytes = (SIZE.0 * SIZE.1 * 2) as usize;
+        assert!(images.iter().all(|image| image.bytes.len() == bytes));
+        assert!(client.repeated > 5, "{} of some 840 packets", client.repeated);
+        client.set(0xA00, 0);
+    }
+}
+
+#[test]
+fn one_application_controls_until_it_is_silent() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = serve(folder.path(), "--scene ramp --fps 50 --collapse");
+    let [mut one, mut other] = [(); 2].map(|()| Client::new(&server));
+    one.take_control();
+    one.set(0x938, 500);
+    one.set_feature("AcquisitionStart", 1);
+    assert!(one.image().is_some());
+    assert_eq!(other.write(0xA00, &[0, 0, 0, 2]), DENIED);
+    let exposure = other.address("ExposureTime");
+    assert_eq!(other.write(exposure, &5000f64.to_be_bytes()), DENIED);
+    assert_eq!(other.read(0xA00, 4), [0, 0, 0, 2], "others read");
+    std::thread::sleep(Duration::from_millis(700));
+    while one.image().is_some() {}
+    assert_eq!(one.read(one.address("AcquisitionStart"), 4), [0; 4]);
+    other.take_control();
+    other.set_feature("AcquisitionStart", 1);
+    assert!(other.image().is_some());
+    assert_eq!(one.write(0xD00, &[0; 4]), DENIED);
+}
+
+#[test]
+fn a_software_trigger_gives_one_frame_and_faults_act_on_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let server = serve(folder.path(), "--scene colorchecker --exposure 5ms");
+    light(folder.path());
+    let mut client = Client::new(&server);
+    client.take_control();
+    client.set_feature("TriggerMode", 1);
+    client.set_feature("Width", 32);
+    client.set_feature("OffsetX", 8);
+    client.set_feature("Height", 20);
+    client.set_feature("AcquisitionStart", 1);
+    assert!(client.image().is_none(), "none without a trigger");
+    // A triggered sensor stands by between frames: settings act at once.
+    client.set_float("ExposureTime", 10_000.0);
+    client.set_feature("TriggerSoftware", 1);
+    let image = client.image().unwrap();
+    let entry = client.xml.split("EnumEntry Name=\"").nth(1).unwrap();
+    let format = entry.split('"').next().unwrap();
+    let options = "--exposure 10ms --roi 8,0,32,20";
+    assert_eq!(image.block, 1);
+    assert!(image.bytes == exposed(folder.path(), format, options, 1)[0]);
+    // Dropped in the sensor: its number is not used.
+    client.set_feature("FaultNextFrame", 1);
+    client.set_feature("TriggerSoftware", 1);
+    assert!(client.image().is_none());
+    client.set_feature("TriggerSoftware", 1);
+    assert_eq!(client.image().unwrap().block, 3);
+}
+
+#[test]
+fn what_is_no_camera_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = |arguments: &str| {
+        let output = super::camrig(folder.path(), arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(said("rig serve --gige").contains("--camera and --scene"));
+    assert!(said("rig serve --tcp 127.0.0.1:0 --camera mobile --scene ramp").contains("--gige"));
+    let open = said("rig serve --gige 0.0.0.0 --camera mobile --scene ramp");
+    assert!(open.contains("--allow-remote"), "{open}");
+    let elsewhere = said("rig serve --gige 192.0.2.1 --allow-remote --camera mobile --scene ramp");
+    assert!(elsewhere.contains("address of this machine"), "{elsewhere}");
+}
