@@ -61,6 +61,8 @@ struct Client {
     xml: String,
     /// Packets of blocks that are not whole, by their numbers, and how many the block has.
     blocks: BTreeMap<u64, (BTreeMap<u32, Vec<u8>>, Option<u32>)>,
+    /// Numbers of those that were.
+    done: BTreeSet<u64>,
     extended: bool,
     repeated: u32,
 }
@@ -71,9 +73,9 @@ impl Client {
         control.connect(&server.address).unwrap();
         control.set_read_timeout(Some(PATIENCE)).unwrap();
         stream.set_read_timeout(Some(SILENCE)).unwrap();
-        let (xml, blocks) = (String::new(), BTreeMap::new());
-        let mut client =
-            Self { control, stream, id: 0, xml, blocks, extended: false, repeated: 0 };
+        let (xml, blocks, done) = (String::new(), BTreeMap::new(), BTreeSet::new());
+        let (extended, repeated) = (false, 0);
+        let mut client = Self { control, stream, id: 0, xml, blocks, done, extended, repeated };
         let url = String::from_utf8(client.read(0x200, 512)).unwrap();
         let url: Vec<&str> = url.trim_end_matches('\0').split(';').collect();
         let [address, length] =
@@ -141,17 +143,24 @@ impl Client {
         let Ok(length) = self.stream.recv(&mut datagram) else { return false };
         let packet = gvsp::parse(&datagram[..length]).unwrap();
         assert_eq!(packet.status, 0, "block {} packet {}", packet.block, packet.number);
+        if self.done.contains(&packet.block) {
+            return true; // a packet that was asked for twice
+        }
         let (packets, count) = self.blocks.entry(packet.block).or_default();
         packets.insert(packet.number, packet.body.to_vec());
         if packet.kind == Kind::Trailer {
             *count = Some(packet.number + 1);
         }
+        if packet.kind != Kind::Payload {
+            self.ask_again(packet.block);
+        }
         true
     }
 
-    /// Asks for what is missing of the blocks at hand; `bytes` are those of a whole packet.
-    fn ask_again(&mut self) {
+    /// Asks for what is missing of the blocks before this one, and of itself after its trailer.
+    fn ask_again(&mut self, newest: u64) {
         let wanted: Vec<(u64, u32)> = (self.blocks.iter())
+            .filter(|(block, (_, count))| **block < newest || count.is_some())
             .flat_map(|(block, (packets, count))| {
                 let last = packets.keys().last().copied().unwrap_or(0);
                 let beyond = if count.is_none() { last + 1 } else { last };
@@ -182,6 +191,7 @@ impl Client {
             let found = self.blocks.iter().find(|(_, b)| whole(b)).map(|(id, _)| *id);
             if let Some(block) = found {
                 let (packets, _) = self.blocks.remove(&block).unwrap();
+                self.done.insert(block);
                 let inner = 1..packets.len() as u32 - 1;
                 let bytes = inner.flat_map(|number| packets[&number].clone()).collect();
                 return Some(Image { block, bytes });
@@ -189,7 +199,7 @@ impl Client {
             match self.receive() {
                 true => heard = Instant::now(),
                 false if heard.elapsed() > Duration::from_secs(2) => return None,
-                false => self.ask_again(),
+                false => self.ask_again(u64::MAX),
             }
             assert!(began.elapsed() < PATIENCE, "no image");
         }
@@ -225,12 +235,12 @@ fn frames_are_those_of_expose_and_settings_act_after_the_sensors_delay() {
     let format = entry.split('"').next().unwrap().to_string();
     let code = entry.split_once("<Value>").unwrap().1.split('<').next().unwrap();
     client.set_feature("PixelFormat", code.parse().unwrap());
-    client.set_feature("AcquisitionStart", 1);
     let settings = [("5ms", "1"), ("5ms", "2"), ("10ms", "2")];
     let expected = settings.map(|(exposure, gain)| {
         let options = format!("--exposure {exposure} --gain {gain}");
         exposed(folder.path(), &format, &options, COUNT)
     });
+    client.set_feature("AcquisitionStart", 1);
     let mut seen = Vec::new();
     for i in 0..12 {
         let image = client.image().unwrap();
@@ -334,7 +344,7 @@ fn what_is_no_camera_is_refused() {
         assert_eq!(output.status.code(), Some(2), "{arguments}");
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
-    assert!(said("rig serve --gige").contains("--camera and --scene"));
+    assert!(said("rig serve --gige").contains("--camera C --scene S"));
     assert!(said("rig serve --tcp 127.0.0.1:0 --camera mobile --scene ramp").contains("--gige"));
     let open = said("rig serve --gige 0.0.0.0 --camera mobile --scene ramp");
     assert!(open.contains("--allow-remote"), "{open}");

@@ -6,9 +6,10 @@ use crate::gvsp::{self, Block, IP_UDP_BYTES};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Blocks kept for repeats after they were sent. Hosts ask within 100 ms: at 30 frames/s three
-/// blocks.
-const KEPT_BLOCKS: usize = 4;
+/// Blocks kept for repeats after they were sent: four, and as many more as this memory holds. A
+/// trade: hosts ask within 100 ms, at 30 frames/s for three blocks.
+const MIN_KEPT_BLOCKS: usize = 4;
+const KEPT_BYTES: usize = 64 << 20;
 /// Blocks that may wait or be on their way. A trade: one is exposed while another is sent.
 const MAX_WAITING: usize = 2;
 /// Requests for repeats that may wait; further ones are ignored, and hosts ask again.
@@ -156,11 +157,17 @@ impl Stream {
         if ends {
             self.next_packet = 0;
             self.sent.extend(self.waiting.pop_front());
-            if self.sent.len() > KEPT_BLOCKS {
-                self.sent.pop_front();
-            }
+            self.forget();
         }
         ends
+    }
+
+    /// Forgets the oldest blocks.
+    fn forget(&mut self) {
+        let mut bytes: usize = self.sent.iter().map(|block| block.image.len()).sum();
+        while self.sent.len() > MIN_KEPT_BLOCKS && bytes > KEPT_BYTES {
+            bytes -= self.sent.pop_front().map_or(0, |block| block.image.len());
+        }
     }
 
     /// A random number from 0 to 1 (xorshift64*): the same losses in every run.
@@ -223,8 +230,9 @@ mod tests {
     #[test]
     fn a_block_that_is_no_longer_there_is_told() {
         let mut stream = Stream::new();
+        let large = Block { packet_size: 60_000, image: vec![0; KEPT_BYTES / 4], ..block(1) };
         for id in 1..=5 {
-            stream.push(block(id));
+            stream.push(Block { id, ..large.clone() });
             sent(&mut stream, Duration::ZERO, AT_ONCE);
         }
         stream.repeat(Resend { block: 1, extended: false, first: 0, last: 4 });
