@@ -446,30 +446,23 @@ impl Device {
 
     /// Whether a side or offset of the region fits.
     fn takes_part(&self, address: u32, value: u32) -> bool {
-        let (min, step, max) = match address {
-            feature::WIDTH => (WIDTH_STEP, WIDTH_STEP, feature::MAX_WIDTH),
-            feature::HEIGHT => (STEP, STEP, feature::MAX_HEIGHT),
-            feature::OFFSET_X => (0, STEP, feature::MAX_OFFSET_X),
-            _ => (0, STEP, feature::MAX_OFFSET_Y),
+        let Region { x, y, width, height } = self.region();
+        let (columns, rows) = (self.sensor.width, self.sensor.height);
+        let (min, step, rest) = match address {
+            feature::WIDTH => (WIDTH_STEP, WIDTH_STEP, columns - x),
+            feature::HEIGHT => (STEP, STEP, rows - y),
+            feature::OFFSET_X => (0, STEP, columns - width),
+            _ => (0, STEP, rows - height),
         };
-        (min..=self.memory.word(max)).contains(&value) && value.is_multiple_of(step)
+        (min..=rest).contains(&value) && value.is_multiple_of(step)
     }
 
     /// Sets the registers that follow from others.
     fn refresh(&mut self) {
-        let Region { x, y, width, height } = self.region();
+        let Region { width, height, .. } = self.region();
         let bytes = self.format().image_bytes(width, height);
-        let (columns, rows) = (self.sensor.width, self.sensor.height);
+        self.memory.set(feature::PAYLOAD_BYTES, bytes as u32);
         let timing = self.timing.in_force();
-        for (register, value) in [
-            (feature::MAX_WIDTH, (columns - x) / WIDTH_STEP * WIDTH_STEP),
-            (feature::MAX_HEIGHT, (rows - y) / STEP * STEP),
-            (feature::MAX_OFFSET_X, (columns - width) / STEP * STEP),
-            (feature::MAX_OFFSET_Y, (rows - height) / STEP * STEP),
-            (feature::PAYLOAD_BYTES, bytes as u32),
-        ] {
-            self.memory.set(register, value);
-        }
         for (register, value) in [
             (feature::EXPOSURE_US, self.limits.exposure_us(timing.exposure_lines)),
             (feature::GAIN_DB, features::gain_db(timing.gain_code)),

@@ -84,7 +84,7 @@ fn whole(value: f64, least: u16) -> Option<u16> {
 
 /// How a feature is read and written.
 enum Kind<'a> {
-    /// A register, from 0 to a value in another register or a fixed one, in steps.
+    /// A register, from a least value to a fixed one or one by a formula, in steps.
     Integer { min: u32, max: Max, step: u32 },
     /// Bits of a register; GenICam counts them from the highest.
     Bits { first: u32, last: u32, min: u32, max: u32 },
@@ -100,7 +100,11 @@ enum Kind<'a> {
 
 enum Max {
     Value(u32),
-    Register(u32),
+    /// What another feature leaves of the sensor's columns or rows, in whole steps.
+    Rest {
+        all: u32,
+        of: &'static str,
+    },
 }
 
 /// A feature in its category.
@@ -146,7 +150,15 @@ impl Feature<'_> {
             Kind::Integer { min, max, step } => {
                 let max = match max {
                     Max::Value(max) => format!("<Max>{max}</Max>"),
-                    Max::Register(at) => format!("<pMax>{}</pMax>", limit_name(*at)),
+                    Max::Rest { all, of } => {
+                        let _ = writeln!(
+                            out,
+                            "<IntSwissKnife Name=\"{name}Limit\"><pVariable Name=\"OTHER\">{of}\
+                             </pVariable><Formula>({all} - OTHER) / {step} * {step}</Formula>\
+                             </IntSwissKnife>"
+                        );
+                        format!("<pMax>{name}Limit</pMax>")
+                    }
                 };
                 format!("<Integer {head}{value}<Min>{min}</Min>{max}<Inc>{step}</Inc></Integer>")
             }
@@ -212,27 +224,20 @@ fn write_register(
     );
 }
 
-/// Registers that only limit others.
-const LIMITS: [u32; 4] =
-    [feature::MAX_WIDTH, feature::MAX_HEIGHT, feature::MAX_OFFSET_X, feature::MAX_OFFSET_Y];
-
-fn limit_name(address: u32) -> String {
-    format!("Limit{address:X}")
-}
-
 /// Features of the image.
 fn image<'a>(sensor: &Sensor, formats: &'a [PixelFormat]) -> Vec<Feature<'a>> {
     const CATEGORY: &str = "ImageFormatControl";
     let integer = |min, max, step| Kind::Integer { min, max, step };
     let formats = formats.iter().map(|f| (f.name.as_str(), f.code)).collect();
-    let part = |name, address, about, min, max, step| {
-        feature(CATEGORY, name, address, about, integer(min, Max::Register(max), step)).locked()
+    let part = |name, address, about, min, step, all, of| {
+        feature(CATEGORY, name, address, about, integer(min, Max::Rest { all, of }, step)).locked()
     };
+    let (columns, rows) = (sensor.width, sensor.height);
     vec![
-        part("Width", feature::WIDTH, "Columns sent", WIDTH_STEP, feature::MAX_WIDTH, WIDTH_STEP),
-        part("Height", feature::HEIGHT, "Rows sent", STEP, feature::MAX_HEIGHT, STEP),
-        part("OffsetX", feature::OFFSET_X, "First column", 0, feature::MAX_OFFSET_X, STEP),
-        part("OffsetY", feature::OFFSET_Y, "First row", 0, feature::MAX_OFFSET_Y, STEP),
+        part("Width", feature::WIDTH, "Columns sent", WIDTH_STEP, WIDTH_STEP, columns, "OffsetX"),
+        part("Height", feature::HEIGHT, "Rows sent", STEP, STEP, rows, "OffsetY"),
+        part("OffsetX", feature::OFFSET_X, "First column", 0, STEP, columns, "Width"),
+        part("OffsetY", feature::OFFSET_Y, "First row", 0, STEP, rows, "Height"),
         feature(
             CATEGORY,
             "PixelFormat",
@@ -433,10 +438,6 @@ pub fn xml(sensor: &Sensor, formats: &[PixelFormat]) -> String {
             out,
             "<Integer Name=\"{name}\" NameSpace=\"Standard\"><Value>{value}</Value></Integer>"
         );
-    }
-    for limit in LIMITS {
-        let register = ("IntReg", 4, "<Sign>Unsigned</Sign>", String::new());
-        write_register(&mut out, &limit_name(limit), limit, false, &register);
     }
     all.iter().for_each(|feature| feature.xml(&mut out));
     out + "<Port Name=\"Device\" NameSpace=\"Standard\"></Port>\n</RegisterDescription>\n"

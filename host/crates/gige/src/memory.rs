@@ -45,10 +45,6 @@ pub mod feature {
     pub const OFFSET_Y: u32 = 0xF00C;
     pub const PIXEL_FORMAT: u32 = 0xF010;
     pub const PAYLOAD_BYTES: u32 = 0xF014;
-    pub const MAX_WIDTH: u32 = 0xF018;
-    pub const MAX_HEIGHT: u32 = 0xF01C;
-    pub const MAX_OFFSET_X: u32 = 0xF020;
-    pub const MAX_OFFSET_Y: u32 = 0xF024;
     pub const TEST_PATTERN: u32 = 0xF028;
     pub const TEST_VALUE: u32 = 0xF02C;
     pub const ACQUISITION: u32 = 0xF040;
