@@ -24,6 +24,15 @@ effect! {
 /// k/q² for a capacitance in fF, e⁻² per K and fF (SI values, exact).
 const E2_PER_K_FF: f32 = (1.380_649e-23 * 1e-15 / (1.602_176_634e-19 * 1.602_176_634e-19)) as f32;
 
+impl ResetNoise {
+    /// Its standard deviation at a temperature of the sensor, e⁻.
+    #[inline(always)]
+    pub fn sigma_e(&self, temperature_c: f32) -> f32 {
+        let kelvin = (temperature_c + 273.15).max(0.0);
+        self.remaining * math::sqrt(E2_PER_K_FF * kelvin * self.capacitance_ff)
+    }
+}
+
 impl Stage for ResetNoise {
     #[inline(always)]
     fn apply<A: Arith>(
@@ -32,8 +41,7 @@ impl Stage for ResetNoise {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let kelvin = (cx.temperature_c + 273.15).max(0.0);
-        let sigma_e = self.remaining * math::sqrt(E2_PER_K_FF * kelvin * self.capacitance_ff);
+        let sigma_e = self.sigma_e(cx.temperature_c);
         super::add_normals::<A>(row, sigma_e, cx.per_pixel_and_frame(0));
     }
 }

@@ -6,7 +6,7 @@ use super::arguments::progress;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
-use camrig_clean::{Cleaned, Finding, Options};
+use camrig_clean::{Cleaned, Done, Finding, Kind, Options};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -28,7 +28,8 @@ enum Command {
 /// step, processing, particle hits, pixels that change, wrong labels of light, drift, start-up
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status 0 if nothing was found, 1 if something was, 2 if the set \
-    cannot be read. `camrig diagnose` and `camrig compare` clean sets in the same way. \
+    cannot be read. `camrig diagnose`, `compare`, `camera fit` and `measure ptc|emva` clean sets in \
+    the same way. \
     Examples:\n  \
     camrig captures check captures")]
 pub struct CheckArgs {
@@ -52,6 +53,30 @@ pub(super) fn opened(path: &Path) -> Result<CaptureSet> {
     let set = CaptureSet::load(path)?;
     set.contradictions().iter().for_each(|words| eprintln!("note: {words}"));
     Ok(set)
+}
+
+/// A capture set as measurements of its sensor take it: labels of light that contradict the frames
+/// are mended and torn frames left out, with what was found in words.
+///
+/// # Errors
+/// Files that cannot be read; captures that the sensor merged.
+pub(super) fn cleaned(path: &Path) -> Result<(CaptureSet, Vec<String>)> {
+    let set = opened(path)?;
+    let bar = progress("checked", Cleaned::frames_to_read(&set)? as u64);
+    let read = |n| bar.inc(n as u64);
+    let cleaned = Cleaned::inspect(set.clone(), &Options::default().with_progress(&read))?;
+    bar.finish_and_clear();
+    let refused = |f: &Finding| f.kind == Kind::Requantised && f.done == Done::Refused;
+    if let Some(error) =
+        cleaned.findings().iter().any(refused).then(|| cleaned.refused()).flatten()
+    {
+        return Err(error);
+    }
+    // A model's temperature is none of a measurement's, which refuses copies itself.
+    let of_model = [Kind::Temperature, Kind::IdenticalFrames];
+    let told = cleaned.findings().iter().filter(|f| !of_model.contains(&f.kind));
+    let told = told.map(Finding::line).collect();
+    Ok((CaptureSet { captures: cleaned.set().captures.clone(), ..set }, told))
 }
 
 fn check(args: &CheckArgs) -> Result<ExitCode> {

@@ -1,7 +1,7 @@
 //! `camrig measure ptc|emva|rates|compare`: figures of capture sets.
 
 use super::{PageArgs, dark, plus_minus};
-use crate::captures::opened;
+use crate::captures::{cleaned, opened};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::Role;
@@ -48,7 +48,7 @@ pub struct CompareArgs {
 
 pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
     let WithPage { on: args, page } = args;
-    let set = opened(&args.captures)?;
+    let (set, found) = cleaned(&args.captures)?;
     let has = |role| set.with_role(role).next().is_some();
     if has(Role::Dark) && !has(Role::Flat) && !page.is_wanted() {
         eprintln!(
@@ -57,7 +57,8 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
         );
         return dark::of_set(&set, None, args.json);
     }
-    let result = ptc::measure(&set)?;
+    let mut result = ptc::measure(&set)?;
+    result.notes.splice(0..0, found);
     page.write(|| report::measurement::ptc(&set, &result).html())?;
     let gains = gains::measure(&set)?;
     if args.json {
@@ -99,8 +100,9 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
 }
 
 pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
-    let set = opened(&args.on.captures)?;
-    let result = emva::measure(&set)?;
+    let (set, found) = cleaned(&args.on.captures)?;
+    let mut result = emva::measure(&set)?;
+    result.warnings.splice(0..0, found);
     let folder = args.on.captures.display().to_string();
     let name = set.name();
     let camera = result.conditions.camera.as_deref().unwrap_or(&name);

@@ -77,6 +77,12 @@ impl Basis {
         Self { std_error: Some(std_error), ..Self::plain(Grade::Measured, frames) }
     }
 
+    /// That of a value that was stated.
+    #[must_use]
+    pub fn given(note: &str) -> Self {
+        Self::plain(Grade::Given, note)
+    }
+
     /// That of a value that nothing is known about, with the reason for it.
     #[must_use]
     pub fn typical(reason: &str) -> Self {

@@ -94,6 +94,11 @@ impl Cleaned {
                 "take the frames again, or keep one of each; copies of a frame (identical bytes) \
                  look like a sensor without noise"
             }
+            Kind::Requantised => {
+                "photon transfer holds for one reading of a pixel: have the sensor send its \
+                 captures one by one (simulated: sensor.hdr.output = \"captures\", or --capture \
+                 NAME), and measure each"
+            }
             _ => "undo the scaling of the samples",
         };
         let what = Error::input(format!("{}: {}{more}", first.kind, first.description));

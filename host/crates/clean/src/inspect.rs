@@ -56,12 +56,13 @@ pub fn inspect(set: &CaptureSet, options: &Options<'_>) -> Result<(Vec<Finding>,
     }
     let mut findings = copies::copies(set, &scans);
     let mut corrections = Corrections::default();
+    let mut quantised_again = false;
     if let Some(step) = codes::step(&scans) {
         findings.push(codes::finding(set, &step));
         corrections.step = step.idle_bits().map(|_| step);
     } else {
         match codes::digital_gains(set, &scans) {
-            gains if gains.is_empty() => findings.extend(requantised::finding(set, &scans)),
+            gains if gains.is_empty() => quantised_again = true,
             gains => findings.extend(gains),
         }
     }
@@ -71,11 +72,14 @@ pub fn inspect(set: &CaptureSet, options: &Options<'_>) -> Result<(Vec<Finding>,
     set.sensor.white_level_dn = corrections.top_code.unwrap_or(set.sensor.white_level_dn);
     let set = &set;
     let temperature = temperature::finding(set);
+    let transfer = Transfer::of(set, &scans);
+    if quantised_again {
+        findings.extend(requantised::finding(set, &scans, &transfer));
+    }
     if findings.iter().any(|f| f.done == Done::Refused) {
         findings.extend(temperature);
         return Ok((findings, corrections));
     }
-    let transfer = Transfer::of(set, &scans);
     let pixels = set.sensor.width * set.sensor.height;
     let samples = scans.iter().map(|s| s.frames.len() * pixels).sum::<usize>() as f64;
     let mut stacks = Vec::with_capacity(scans.len());

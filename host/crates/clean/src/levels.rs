@@ -38,20 +38,21 @@ pub(crate) fn series(set: &CaptureSet, scans: &[Scan], transfer: &Transfer) -> V
     series.into_iter().map(|(_, levels)| levels).collect()
 }
 
-/// Whether two flats were taken in the same light with the same settings.
+/// Whether two flats were taken in the same light with the same settings. The response to light
+/// does not depend on temperature to speak of, and cameras warm up while flats are taken.
 fn same_lamp(a: &Capture, b: &Capture) -> bool {
-    let light = |c: &Capture| c.light.as_ref().and_then(|l| l.wavelength_nm);
-    a.analog_gain == b.analog_gain && light(a) == light(b) && a.temperature_c == b.temperature_c
+    let light = |c: &Capture| {
+        let light = c.light.as_ref()?;
+        Some((light.wavelength_nm, amount(light)?.0))
+    };
+    a.analog_gain == b.analog_gain && light(a) == light(b)
 }
 
-/// The stated amount of light of a capture, in one unit for all captures of a wavelength.
-fn amount(light: &Light) -> Option<f64> {
-    match (light.irradiance_w_m2, light.photons_per_pixel_per_s, light.lux) {
-        (Some(e), None, None) => Some(e),
-        (None, Some(n), None) => Some(n),
-        (None, None, Some(lux)) => Some(lux),
-        _ => None,
-    }
+/// The stated amount of light of a capture: which of the units is stated, and how much. Of several
+/// it is the one that measurements use.
+fn amount(light: &Light) -> Option<(usize, f64)> {
+    let stated = [light.photons_per_pixel_per_s, light.irradiance_w_m2, light.lux];
+    stated.into_iter().enumerate().find_map(|(unit, amount)| Some((unit, amount?)))
 }
 
 fn level(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, i: usize) -> Option<Level> {
@@ -60,7 +61,7 @@ fn level(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, i: usize) -> Opt
     if capture.role != Role::Flat || scan.saturated(set.sensor.white_level_dn) > SATURATED {
         return None;
     }
-    let x = amount(capture.light.as_ref()?)? * capture.exposure_s;
+    let x = amount(capture.light.as_ref()?)?.1 * capture.exposure_s;
     let dark = dark(set, scans, transfer, capture)?;
     let Point { level_dn: mean, variance_dn2: variance } = transfer.points[i];
     let (y, n) = (mean - dark.level_dn, scan.frames.len() as f64);
@@ -80,21 +81,23 @@ fn level(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, i: usize) -> Opt
     })
 }
 
-/// The dark at a capture's exposure and gain, interpolated between the exposures on either side.
+/// The dark at a capture's gain and nearest to its temperature, interpolated between the exposures
+/// on either side of its own.
 fn dark(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, of: &Capture) -> Option<Point> {
-    let mut darks: Vec<(f64, Point)> = scans
-        .iter()
-        .zip(&transfer.points)
-        .filter(|(s, _)| {
-            let c = &set.captures[s.capture];
-            // Those after light may hold an after-image.
-            c.role == Role::Dark
-                && c.analog_gain == of.analog_gain
-                && c.temperature_c == of.temperature_c
-                && c.preceded_by.is_none()
-        })
-        .map(|(s, p)| (set.captures[s.capture].exposure_s, *p))
-        .collect();
+    let usable = scans.iter().zip(&transfer.points).filter(|(s, _)| {
+        let c = &set.captures[s.capture];
+        // Those after light may hold an after-image.
+        c.role == Role::Dark && c.analog_gain == of.analog_gain && c.preceded_by.is_none()
+    });
+    let usable: Vec<(&Capture, Point)> =
+        usable.map(|(s, p)| (&set.captures[s.capture], *p)).collect();
+    let away = |c: &Capture| {
+        let both = c.temperature_c.zip(of.temperature_c);
+        both.map_or(0.0, |(own, wanted)| (own - wanted).abs())
+    };
+    let nearest = usable.iter().map(|(c, _)| away(c)).fold(f64::INFINITY, f64::min);
+    let near = usable.into_iter().filter(|(c, _)| away(c) == nearest);
+    let mut darks: Vec<(f64, Point)> = near.map(|(c, p)| (c.exposure_s, p)).collect();
     darks.sort_by(|a, b| a.0.total_cmp(&b.0));
     let t = of.exposure_s;
     let (first, last) = (*darks.first()?, *darks.last()?);

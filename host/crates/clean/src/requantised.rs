@@ -1,9 +1,13 @@
 //! Codes that were quantised again behind the converter, with a step that depends on the level: by a
-//! table (square root, decompanded HDR) or by lossy compression. The codes in use tell the step: where
-//! samples are dense, a code that none has is not in the table.
+//! table (square root, decompanded HDR) or by lossy compression, or codes of several captures of a
+//! pixel that the sensor merged. The codes in use tell the step: where samples are dense, a code
+//! that none has is not in the table. A table leaves photon transfer as it is but for the rounding
+//! that it adds; merged captures of different exposures have one for each, and are refused.
 
 use super::finding::{Done, Finding, Kind};
 use super::scan::Scan;
+use super::transfer::{Point, Transfer};
+use camrig_base::median::median;
 use camrig_captures::{CaptureSet, Role};
 
 /// Width of the windows of codes in which the step is counted.
@@ -17,6 +21,12 @@ const MIN_COVERED: usize = WINDOW / 2;
 const MIN_STEP: f64 = 1.5;
 /// Windows with a step, without which there is none.
 const MIN_WINDOWS: usize = 3;
+
+/// Noise over that of the photon transfer of the lower codes from which a level was read with
+/// another exposure: with half of it, twice.
+const MERGED: f64 = 1.5;
+/// Variance over the dark's from which a level shows the gain of the lower codes.
+const MIN_LIT: f64 = 1.5;
 
 /// Most ranges that the effect `requantised` has.
 const MAX_RANGES: usize = 5;
@@ -89,20 +99,70 @@ fn steps(mut ranges: Vec<Range>) -> Vec<[u16; 2]> {
     ranges.iter().enumerate().map(|r| [words(begins(r)), words(r.1.step as usize)]).collect()
 }
 
+/// The largest ratio of the variance of a stack on wider codes to that of photon transfer with the
+/// gain of the stacks of its analog gain on codes of 1 DN; none where either is missing.
+fn excess(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, ranges: &[Range]) -> Option<f64> {
+    let step_at = |level: f64| {
+        let below = ranges.iter().rev().find(|r| r.from as f64 <= level);
+        below.or(ranges.first()).map_or(1.0, |r| r.step)
+    };
+    let stacks = |role: Role, gain: f64| {
+        let of = move |(s, p): (&Scan, &Point)| {
+            let c = &set.captures[s.capture];
+            let own = c.role == role && c.analog_gain == gain && p.variance_dn2.is_finite();
+            own.then_some(*p)
+        };
+        scans.iter().zip(&transfer.points).filter_map(of)
+    };
+    let gains = scans.iter().map(|s| set.captures[s.capture].analog_gain);
+    let of_gain = |gain: f64| {
+        let dark = stacks(Role::Dark, gain).min_by(|a, b| a.level_dn.total_cmp(&b.level_dn))?;
+        let (narrow, wide): (Vec<Point>, Vec<Point>) =
+            stacks(Role::Flat, gain).partition(|p| step_at(p.level_dn) <= 1.0);
+        let lit = narrow.iter().filter(|p| p.variance_dn2 > MIN_LIT * dark.variance_dn2);
+        let slope =
+            |p: &Point| (p.variance_dn2 - dark.variance_dn2) / (p.level_dn - dark.level_dn);
+        let mut slopes: Vec<f64> = lit.map(slope).collect();
+        if slopes.is_empty() {
+            return None;
+        }
+        let k = median(&mut slopes, f64::total_cmp);
+        let ratio = |p: &Point| {
+            let rounding = (step_at(p.level_dn).powi(2) - 1.0) / 12.0;
+            let expected = dark.variance_dn2 + k * (p.level_dn - dark.level_dn) + rounding;
+            p.variance_dn2 / expected
+        };
+        wide.iter().map(ratio).reduce(f64::max)
+    };
+    gains.filter_map(of_gain).reduce(f64::max)
+}
+
 /// The finding about them.
-pub fn finding(set: &CaptureSet, scans: &[Scan]) -> Option<Finding> {
+pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer) -> Option<Finding> {
     let ranges = ranges(set, scans);
     let largest = ranges.iter().map(|r| r.step).reduce(f64::max)?;
     let by_level: Vec<String> =
         ranges.iter().map(|r| format!("{} DN from {} to {} DN", r.step, r.from, r.to)).collect();
-    let mut finding = Finding::new(Kind::Requantised, "all captures", Done::Reported)
+    let excess = excess(set, scans, transfer, &ranges).filter(|excess| *excess > MERGED);
+    let (done, cause) = match excess {
+        Some(excess) => (
+            Done::Refused,
+            format!(
+                "where they are wide, the variance is {excess:.1} times that of the photon \
+                 transfer of the others: the sensor merged captures of several exposures"
+            ),
+        ),
+        None => (
+            Done::Reported,
+            "a table or lossy compression quantised the samples again, which adds step²/12 to \
+             their variance. Take raw without compression, or undo the table; the effect \
+             requantised simulates it"
+                .to_owned(),
+        ),
+    };
+    let mut finding = Finding::new(Kind::Requantised, "all captures", done)
         .with_amount(largest, 0.0, "DN")
-        .with_description(format!(
-            "codes in use are {}: a table or lossy compression quantised the samples again, which \
-             adds step²/12 to their variance. Take raw without compression, or undo the table; the \
-             effect requantised simulates it",
-            by_level.join(", ")
-        ));
+        .with_description(format!("codes in use are {}: {cause}", by_level.join(", ")));
     finding.steps = steps(ranges);
     Some(finding)
 }

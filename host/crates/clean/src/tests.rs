@@ -285,6 +285,39 @@ fn a_wrong_label_is_found_and_corrected() {
     assert!((now / stated * 0.94 - 1.0).abs() < 2e-3);
 }
 
+/// Light stated in two units, by a camera that warms up while the flats are taken.
+#[test]
+fn a_label_is_judged_in_any_unit_and_at_any_temperature() {
+    let folder = tempfile::tempdir().unwrap();
+    let wrong = |id: &str| if id == "flat-d" { 0.94 } else { 1.0 };
+    set(folder.path(), 12, &PLAN, Hooks::default(), &wrong);
+    let manifest = folder.path().join("captures.toml");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    let mut warm = 20.0;
+    let lines = text.lines().map(|line| match line.split_once(" = ") {
+        Some(("photons_per_pixel_per_s", photons)) => {
+            let photons: f64 = photons.parse().unwrap();
+            format!("{line}\nirradiance_w_m2 = {:e}\n", photons * 3.7e-7)
+        }
+        Some(("temperature_c", _)) => {
+            warm += 0.7;
+            format!("temperature_c = {warm}\n")
+        }
+        _ => format!("{line}\n"),
+    });
+    std::fs::write(&manifest, lines.collect::<String>()).unwrap();
+    let set = CaptureSet::load(folder.path()).unwrap();
+    let clean = Cleaned::new(set, &Options::default()).unwrap();
+    let found = only(&clean);
+    assert_eq!((found.kind, found.place.as_str()), (Kind::LightLabel, "flat-d"));
+    assert!((found.amount.unwrap() - 0.94).abs() < 2e-3, "{found:?}");
+    let [mended, other] = [5, 6].map(|i| clean.set().captures[i].light.clone().unwrap());
+    let ratio = |l: &camrig_captures::Light| {
+        l.irradiance_w_m2.unwrap() / l.photons_per_pixel_per_s.unwrap()
+    };
+    assert!((ratio(&mended) / ratio(&other) - 1.0).abs() < 1e-12, "both units are mended");
+}
+
 #[test]
 fn pixels_that_break_are_found_with_their_frame() {
     let broken: Vec<usize> = (0..14).map(|i| (i * 211 + 100) % (W * H)).collect();
@@ -507,4 +540,24 @@ fn codes_whose_step_depends_on_the_level_are_found() {
     for words in ["1 DN from", "2 DN from", "4 DN from"] {
         assert!(steps[0].description.contains(words), "{}", steps[0].description);
     }
+}
+
+/// A sensor that takes bright pixels from a capture of an eighth of the exposure: their shot noise
+/// is eight times that of the others at equal light, and their codes are 8 DN apart.
+#[test]
+fn captures_that_the_sensor_merged_are_refused() {
+    let mut random = Random::seed_from_u64(3);
+    let unit = Normal::new(0.0, 1.0).unwrap();
+    let mut merged = |dn: &mut [f64], _: usize| {
+        for v in dn.iter_mut().filter(|v| **v > 1000.0) {
+            let more = (7.0 * K * (*v - BLACK)).sqrt() * unit.sample(&mut random);
+            *v = ((*v + more - BLACK) / 8.0).round() * 8.0 + BLACK;
+        }
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let hooks = Hooks { codes: Some(&mut merged), ..Hooks::default() };
+    let set = set(folder.path(), 20, &PLAN, hooks, &|_| 1.0);
+    let error = Cleaned::new(set, &Options::default()).map(|_| ()).unwrap_err();
+    let said = format!("{error}; {}", error.remedy().unwrap_or_default());
+    assert!(said.contains("merged captures") && said.contains("one by one"), "{said}");
 }

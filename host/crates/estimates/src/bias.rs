@@ -79,6 +79,8 @@ struct Temporal {
     width: usize,
     height: usize,
     frames: usize,
+    /// Rows that share the sites whose mean was taken off each frame.
+    rows_of_site: usize,
     /// By frame and site.
     site_offsets: Vec<Vec<f64>>,
     /// By parity of the column, then by frame and row.
@@ -121,7 +123,8 @@ impl Temporal {
             site_offsets.push(offsets);
             rows.iter_mut().zip(of_rows).for_each(|(all, own)| all.push(own));
         }
-        Self { width, height, frames, site_offsets, rows, rest, mean_square }
+        let rows_of_site = height / sites.down;
+        Self { width, height, frames, rows_of_site, site_offsets, rows, rest, mean_square }
     }
 
     /// Frames over degrees of freedom: the mean over frames was removed.
@@ -144,7 +147,9 @@ impl Temporal {
     /// of row means and the mean product C of both: (V + C) / 2 and (V − C) / 2.
     fn row_variances(&self, pixel_variance: f64) -> [Value; 2] {
         let from_pixels = pixel_variance / (0.5 * self.width as f64);
-        let scale = self.over_dof() / self.frames as f64;
+        // The offsets of the sites have taken the mean over their rows.
+        let n = self.rows_of_site as f64;
+        let scale = self.over_dof() / self.frames as f64 * n / (n - 1.0);
         let of = |sign: f64| {
             let of_row = |y: usize| {
                 let sum: f64 = (0..self.frames)

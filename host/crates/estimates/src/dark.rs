@@ -4,7 +4,7 @@
 use super::areas::{Area, far, find, running_median};
 use super::bias::Bias;
 use super::drift::{Drift, Levels, likeliest};
-use super::robust::{Sorted, clipped_mean, mean, median, variance};
+use super::robust::{Sorted, clipped_mean, core_sd, mean, median, variance};
 use super::torn::{Torn, holds};
 use super::{Sites, Stack};
 use camrig_base::Value;
@@ -53,7 +53,7 @@ pub struct DarkCurrent {
     pub clipped_mean: Value,
     /// Of the median pixel at each site.
     pub median_by_site: Vec<Value>,
-    /// Variance over pixels, from the lower half.
+    /// Variance over the ordinary pixels.
     pub pattern_variance: Value,
     /// The same about the median of each site.
     pub variance_within_sites: Value,
@@ -111,8 +111,8 @@ impl DarkCurrent {
         let median_by_site: Vec<Value> = of_sites.map(|r| Sorted::new(r).estimate(0.5)).collect();
         let excess = |p: usize| rates[p] - median_by_site[sites.of(p % width, p / width)].value;
         let mut above: Vec<f64> = (0..rates.len()).map(excess).collect();
-        let core = sorted.lower_sd();
-        let within = Sorted::new(above.iter().copied()).lower_sd();
+        let core = core_sd(&sorted);
+        let within = core_sd(&Sorted::new(above.iter().copied()));
         let limit = HOT * core.value.max(own.sqrt());
         let hot_areas = hot_areas(&mut above, width, limit);
         let hot: Vec<f64> = above.iter().copied().filter(|r| *r > limit).collect();

@@ -116,6 +116,31 @@ impl Sorted {
     }
 }
 
+/// Standard deviation of the normal core of values with a tail above: from all within three
+/// deviations of the median, where that agrees with the lower half alone, which knows nothing of
+/// the tail but has 2.4 times the error.
+pub fn core_sd(sorted: &Sorted) -> Value {
+    /// Where values are cut, and what the cut leaves of a normal law's variance: 1 − 2cφ(c)/(2Φ(c)
+    /// − 1).
+    const CUT: f64 = 3.0;
+    const KEPT: f64 = 0.973_336_9;
+    /// Standard error of the result over σ/√n (Huber 1981, of a trimmed scale).
+    const ERROR: f64 = 0.761;
+    const PASSES: usize = 30;
+    let low = sorted.lower_sd();
+    let middle = sorted.quantile(0.5);
+    let within = |sd: f64| {
+        let kept = sorted.0.iter().map(|v| v - middle).filter(|v| v.abs() <= CUT * sd);
+        let (n, sum) = kept.fold((0.0, 0.0), |(n, sum), v| (n + 1.0, sum + v * v));
+        (sum / f64::max(n, 1.0) / KEPT).sqrt()
+    };
+    let sd = (0..PASSES).fold(low.value, |sd, _| within(sd));
+    if (sd - low.value).abs() > 2.0 * low.std_error {
+        return low;
+    }
+    Value::new(sd, ERROR * sd / (sorted.0.len() as f64).sqrt())
+}
+
 /// Standard error of a figure by leaving out one of `n` parts at a time (the jackknife; Efron
 /// 1982): `without` gives the figure without a part.
 pub fn jackknife(n: usize, without: impl Fn(usize) -> f64) -> f64 {
@@ -154,6 +179,14 @@ mod tests {
         assert!(median.value.abs() < 4.0 * median.std_error);
         let sd = sorted.lower_sd();
         assert!((sd.value - 1.0).abs() < 4.0 * sd.std_error && sd.std_error < 0.01, "{sd:?}");
+        let core = core_sd(&sorted);
+        assert!((core.value - 1.0).abs() < 4.0 * core.std_error, "{core:?}");
+        assert!(core.std_error < 0.5 * sd.std_error, "{core:?}");
+        // Of a wide tail, the lower half.
+        let tail =
+            values.iter().enumerate().map(|(i, v)| if i % 5 == 0 { v.abs() * 4.0 } else { *v });
+        let sorted = Sorted::new(tail);
+        assert_eq!(core_sd(&sorted), sorted.lower_sd());
         let kept = jackknife(values.len().min(200), |i| {
             let rest = values[..200].iter().enumerate().filter(|(k, _)| *k != i).map(|(_, v)| v);
             rest.sum::<f64>() / 199.0

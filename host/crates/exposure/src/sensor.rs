@@ -76,12 +76,9 @@ impl SimulatedSensor {
     pub fn in_light(camera: &Camera, header: &CubeHeader, light: f64) -> Result<Self> {
         let sensor = &camera.sensor;
         if let Some(hdr) = &sensor.hdr {
-            let names: Vec<&str> = hdr.captures.iter().map(|c| c.name.as_str()).collect();
-            return Err(Error::unsupported(format!(
-                "a sensor of {} captures where one is read",
-                names.len()
-            ))
-            .help(format!("choose one with --capture: {}", names.join(", "))));
+            return Err(hdr
+                .where_one_is_read()
+                .help(format!("choose one with --capture: {}", hdr.names())));
         }
         if (header.width, header.height) != (sensor.width as usize, sensor.height as usize) {
             return Err(Error::disagreement(format!(

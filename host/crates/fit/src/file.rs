@@ -1,6 +1,7 @@
 //! The draft of the camera file from what was measured.
 
-use super::noise::{Noise, prnu};
+use super::gains::{Law, Place, digital_above};
+use super::noise::{MIN_SHARE, Noise, prnu};
 use super::response::Response;
 use super::stacks::AtGain;
 use super::{Options, Unity};
@@ -21,6 +22,8 @@ const PITCH_UM: f64 = 3.0;
 pub struct Found<'a> {
     pub set: &'a CaptureSet,
     pub gains: &'a [AtGain],
+    /// Their analog gains.
+    pub places: &'a [Place],
     /// Which of the gains have flats, as the gains of the response are numbered.
     pub lit: &'a [usize],
     pub response: Option<Response>,
@@ -67,6 +70,7 @@ impl Found<'_> {
         self.add_read_noise(&mut values);
         self.add_dark(&mut values);
         self.add_patterns(&mut values);
+        self.add_sites(&mut values);
         self.add_table(&mut values);
         let mut given = self.given();
         if self.set.sensor.pitch_um.is_none() && options.like.is_none() {
@@ -184,25 +188,33 @@ impl Found<'_> {
         let first = self.noise.read[0];
         let gain = self.gains[0].gain;
         let (read, post) = ("sensor.noise.read_e", "sensor.noise.read_e_post");
-        match self.noise.law {
+        match &self.noise.law {
             Some(law) => {
-                let at_unity = law.read_e.unwrap_or(first);
+                let at_unity = law.at_unity().unwrap_or(first);
                 values.measured(read, at_unity, &frames);
-                let behind = law.read_e_post.unwrap_or(Value::new(0.0, at_unity.std_error));
+                let behind = law.post().unwrap_or(Value::new(0.0, at_unity.std_error));
                 let behind = Value::new(behind.value.min(at_unity.value), behind.std_error);
                 values.measured(post, behind, &frames);
+                if let Some(step) = &law.step {
+                    values.notes.push(format!(
+                        "the conversion gain has a step between the gains {} and {}: \
+                         [sensor.gains] puts it at the latter",
+                        self.places[step.first - 1].analog,
+                        self.places[step.first].analog
+                    ));
+                }
             }
             None => {
-                values.measured(read, first, &self.of(false, &[0]));
-                if self.gains.len() > 1 {
+                values.measured(read, first, &self.of(false, &self.places[0].of));
+                if self.places.len() > 1 {
                     values.notes.push(
                         "the read noise over the gains is no law of a part before and a part \
-                         after the gain stage, as with two conversion gains: [sensor.gains] has \
-                         that of each gain"
+                         after the gain stage, with or without a step: [sensor.gains] has that of \
+                         each gain"
                             .into(),
                     );
                 }
-                if self.gains.len() > 1 || gain != 1.0 {
+                if self.places.len() > 1 || gain != 1.0 {
                     let reason = "unknown: several gains on one law tell it; with 0, read_e holds \
                                   at the gain of these captures";
                     values.unknown(post, 0.0, reason);
@@ -210,7 +222,7 @@ impl Found<'_> {
             }
         }
         let black = self.noise.black[0];
-        values.measured("sensor.black_level_dn", black, &self.of(false, &[0]));
+        values.measured("sensor.black_level_dn", black, &self.of(false, &self.places[0].of));
         if gain != 1.0 {
             values.unknown("sensor.analog_gain", gain, "the lowest of the captures");
         }
@@ -218,14 +230,14 @@ impl Found<'_> {
 
     fn add_dark(&self, values: &mut Values) {
         let (rate, spread) = ("sensor.noise.dark_current_e_per_s", "sensor.noise.dsnu_e_per_s");
-        let Some(dark) = self.noise.dark else {
+        let Some(dark) = &self.noise.dark else {
             let reason = "unknown: darks of a second, longer exposure tell it; 0 keeps the levels \
                           of these captures";
             values.unknown(rate, 0.0, reason);
             values.unknown(spread, 0.0, reason);
             return;
         };
-        let frames = self.of(false, &[dark.gain]);
+        let frames = self.of(false, &dark.gains);
         values.measured(rate, dark.rate, &frames);
         values.measured(
             spread,
@@ -254,7 +266,7 @@ impl Found<'_> {
         if let Some(rows) = self.noise.rows {
             values.measured("sensor.noise.row_fpn_e", rows, &frames);
         }
-        let spread = self.noise.dark.and_then(|d| d.spread).map_or(0.0, |s| s.value);
+        let spread = self.noise.dark.as_ref().and_then(|d| d.spread).map_or(0.0, |s| s.value);
         let own = self.response.as_ref().and_then(|r| prnu(self.gains, r, self.lit, spread));
         if let Some((own, first)) = own.zip(self.lit.first()) {
             values.measured("sensor.noise.prnu", own, &self.of(true, &[*first]));
@@ -275,30 +287,65 @@ impl Found<'_> {
 
     /// `[sensor.gains]`, with the columns that no law gives.
     fn add_table(&self, values: &mut Values) {
-        if self.gains.len() < 2 {
-            return;
-        }
-        let no_law = self.noise.law.is_none();
         let apart = self.unity.as_ref().is_some_and(|u| u.misfit.is_some());
         let blacks = differ(&self.noise.black);
-        let frames = self.of(true, &self.all());
-        let mut column = |key: &str, column: Vec<Value>| {
-            let worst = column.iter().map(|v| v.std_error).fold(0.0, f64::max);
-            let numbers: Vec<f64> = column.into_iter().map(to_error).collect();
-            let change = Change::new(format!("sensor.gains.{key}"), numbers);
-            values.known.push(Known { change, basis: Basis::measured(worst, &frames) });
+        let many = self.places.len() > 1;
+        let steps = self.noise.law.as_ref().and_then(|law: &Law| law.table(self.places));
+        let of_places = || self.places.iter().map(|p| p.analog).collect();
+        let digital = digital_above(self.gains);
+        let (at, read) = match steps {
+            Some((at, read)) => (at, Some(read)),
+            None if many && self.noise.law.is_none() => {
+                (of_places(), Some(self.noise.read.clone()))
+            }
+            None => (of_places(), None),
         };
-        if no_law || apart || blacks {
-            column("at", self.gains.iter().map(|g| Value::new(g.gain, 0.0)).collect());
+        if read.is_none() && !(many && (apart || blacks)) && digital.is_none() {
+            return;
         }
-        if no_law {
-            column("read_e", self.noise.read.clone());
+        let mut column = |key: &str, numbers: camrig_camera::Value, basis: Basis| {
+            let change = Change::new(format!("sensor.gains.{key}"), numbers);
+            values.known.push(Known { change, basis });
+        };
+        // A column has a number for each gain of `at`, where one may stand twice.
+        let frames = self.of(true, &self.all());
+        let place = |gain: &f64| self.places.iter().position(|p| p.analog == *gain).unwrap_or(0);
+        let spread = |of: &dyn Fn(usize) -> Value| at.iter().map(|g| of(place(g))).collect();
+        let analog = |i: usize| {
+            let of_gain = |i: usize| self.per_gain[i].scaled(self.gains[i].digital.recip());
+            let each: Vec<Value> = (0..self.gains.len()).map(of_gain).collect();
+            self.places[i].mean(&each)
+        };
+        let per_e: Option<Vec<Value>> = (many && apart).then(|| spread(&analog));
+        let black: Option<Vec<Value>> = (many && blacks).then(|| spread(&|i| self.noise.black[i]));
+        column("at", at.clone().into(), Basis::given("the gains of these captures"));
+        let columns = [("read_e", read), ("dn_per_e", per_e), ("black_level_dn", black)];
+        for (key, values) in columns.into_iter().filter_map(|(key, v)| Some((key, v?))) {
+            let worst = values.iter().map(|v| v.std_error).fold(0.0, f64::max);
+            let numbers: Vec<f64> = values.into_iter().map(to_error).collect();
+            column(key, numbers.into(), Basis::measured(worst, &frames));
         }
-        if apart {
-            column("dn_per_e", self.per_gain.clone());
+        if let Some(above) = digital {
+            column("digital_above", above.into(), Basis::measured(0.0, "codes at larger gains"));
         }
-        if blacks {
-            column("black_level_dn", self.noise.black.clone());
+    }
+
+    /// Black levels of the places of 2 x 2 pixels about their mean, where they differ by more than
+    /// their errors and more than a small share of the noise.
+    fn add_sites(&self, values: &mut Values) {
+        let bias = &self.gains[0].found.bias;
+        let sites = &bias.black_by_site;
+        let read_dn = bias.read_noise_variance.value.max(0.0).sqrt();
+        let mean = sites.iter().map(|s| s.value).sum::<f64>() / sites.len() as f64;
+        let most = sites.iter().map(|s| (s.value - mean).abs()).fold(0.0, f64::max);
+        let cfa = self.set.cfa();
+        if (cfa.width, cfa.height) != (2, 2) || !differ(sites) || most < MIN_SHARE * read_dn {
+            return;
+        }
+        let frames = self.of(false, &[0]);
+        for (i, site) in sites.iter().enumerate() {
+            let key = format!("effect.black-level-offset.plane_{i}_dn");
+            values.measured(&key, Value::new(site.value - mean, site.std_error), &frames);
         }
     }
 

@@ -11,7 +11,9 @@
 //!    each gain.
 //! 3. [`response`]: system gain, loss and exponent of the response and quantum efficiency from
 //!    variances and means together.
-//! 4. [`noise`]: black level, read noise and its law over the gains, dark current, hot pixels,
+//! 4. [`gains`]: which part of a gain is analog, and the law of the read noise over it, with a step
+//!    of the conversion gain where there is one.
+//! 5. [`noise`]: black level, read noise and its law over the gains, dark current, hot pixels,
 //!    noise and patterns of rows, columns, pixels and frames. What is over three errors and 3 %
 //!    of the read noise becomes an effect.
 //!
@@ -22,6 +24,7 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 mod file;
+pub mod gains;
 pub mod noise;
 pub mod response;
 pub mod stacks;
@@ -34,6 +37,7 @@ use camrig_camera::draft::{Basis, Draft};
 use camrig_camera::{Change, EffectKind};
 use camrig_captures::CaptureSet;
 use camrig_clean::Cleaned;
+use gains::Place;
 use noise::Noise;
 use response::{Datum, Response};
 use serde_json::{Map, Value as Json, json};
@@ -135,10 +139,12 @@ pub fn fit(set: &CaptureSet, options: &Options) -> Result<Fitted> {
         }
     };
     let per_gain: Vec<Value> = (0..gains.len()).map(k).collect::<Result<_>>()?;
-    let noise = Noise::of(&gains, &per_gain);
+    let places = Place::all(&gains);
+    let noise = Noise::of(&gains, &per_gain, &places);
     let found = file::Found {
         set: cleaned.set(),
         gains: &gains,
+        places: &places,
         lit: &lit,
         response,
         wavelengths,

@@ -1,16 +1,16 @@
 //! Black level, noise, patterns and dark current at each gain in electrons, and what they are over
 //! the gains.
 
+use super::gains::{Law, Place, law};
 use super::response::Response;
 use super::stacks::AtGain;
 use camrig_base::Value;
 use camrig_base::tails::{self, median_of_squares, quantile_of_squares};
 use camrig_estimates::robust::trigamma;
-use camrig_measure::gains::{ReadLaw, read_law};
 
 /// Standard errors, and share of the read noise, from which an effect is written.
 const MIN_DEVIATION: f64 = 3.0;
-const MIN_SHARE: f64 = 0.03;
+pub(crate) const MIN_SHARE: f64 = 0.03;
 /// Hot pixels from which their law is written.
 const MIN_HOT: f64 = 5.0;
 /// Frames of the bias from which the spread of the read noise is judged: of fewer, the law of their
@@ -18,7 +18,7 @@ const MIN_HOT: f64 = 5.0;
 const MIN_SPREAD_FRAMES: usize = 12;
 
 /// Dark current of the ordinary pixels, and of hot ones.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Dark {
     /// Of the median pixel, e⁻/s.
     pub rate: Value,
@@ -26,8 +26,8 @@ pub struct Dark {
     pub spread: Option<Value>,
     /// Fraction of hot pixels, and mean of their exponential law, e⁻/s.
     pub hot: Option<[Value; 2]>,
-    /// Which of the gains shows it best.
-    pub gain: usize,
+    /// Which of the gains show it.
+    pub gains: Vec<usize>,
 }
 
 /// A noise or pattern that is an effect of the catalogue.
@@ -45,12 +45,12 @@ pub struct Effect {
 
 /// What the darks of all gains show.
 pub struct Noise {
-    /// Mean of no light at exposure 0 at each gain, DN.
+    /// Mean of no light at exposure 0 at each place, DN.
     pub black: Vec<Value>,
-    /// Read noise of the median pixel at each gain, e⁻: without rows, rounding and dark current.
+    /// Read noise of the median pixel at each place, e⁻: without rows, rounding and dark current.
     pub read: Vec<Value>,
     /// Its law over the gains; none of one gain, or where none fits.
-    pub law: Option<ReadLaw>,
+    pub law: Option<Law>,
     /// Dark current; none where the darks have one exposure.
     pub dark: Option<Dark>,
     /// Standard deviation of the rows' offsets, e⁻.
@@ -60,20 +60,21 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// Of all gains, with their DN per electron.
-    pub fn of(gains: &[AtGain], response: &[Value]) -> Self {
+    /// Of all gains, with their DN per electron, which lie at these places.
+    pub fn of(gains: &[AtGain], response: &[Value], places: &[Place]) -> Self {
         let dark = dark(gains, response);
-        let charge = |g: &AtGain| dark.map_or(0.0, |d| d.rate.value * g.shortest_s);
+        let charge = |g: &AtGain| dark.as_ref().map_or(0.0, |d| d.rate.value * g.shortest_s);
         let each = || gains.iter().zip(response);
-        let black = each().map(|(g, k)| black(g, k.value * charge(g))).collect();
-        let variances: Vec<(f64, Value)> =
-            each().map(|(g, k)| (g.gain, read_variance(g, *k, charge(g)))).collect();
+        let blacks: Vec<Value> = each().map(|(g, k)| black(g, k.value * charge(g))).collect();
+        let variances: Vec<Value> = each().map(|(g, k)| read_variance(g, *k, charge(g))).collect();
+        let black = places.iter().map(|place| place.mean(&blacks)).collect();
+        let variances: Vec<Value> = places.iter().map(|place| place.mean(&variances)).collect();
         let read: Vec<Value> = variances
             .iter()
             // Of no noise above rounding, the upper limit is its error.
-            .map(|(_, v)| v.sqrt().unwrap_or(Value::new(0.0, v.std_error.sqrt())))
+            .map(|v| v.sqrt().unwrap_or(Value::new(0.0, v.std_error.sqrt())))
             .collect();
-        let law = if gains.len() > 1 { read_law(&variances).ok() } else { None };
+        let law = law(places, &variances);
         let mut all = Self { black, read, law, dark, rows: None, effects: Vec::new() };
         all.add_effects(gains, response);
         all
@@ -87,6 +88,7 @@ impl Noise {
             };
             Part::of(gains.iter().zip(response).map(of_gain).collect())
         };
+        let pattern = |of: &dyn Fn(&AtGain) -> (Value, f64)| part(of).of_one_pattern();
         let least = MIN_SHARE * self.read.first().map_or(0.0, |r| r.value);
         let stands_out =
             |part: &Part| part.sigma.filter(|s| part.deviation > MIN_DEVIATION && s.value > least);
@@ -96,12 +98,16 @@ impl Noise {
             let null = variance / offsets.deviation.max(1e-9);
             (Value::new(variance, null), null)
         };
-        let dark = self.dark;
+        let dark = self.dark.clone();
         let pixels = |g: &AtGain| {
             let v = g.found.bias.pattern.pixels;
             (v, v.std_error)
         };
-        let parts: [(&str, Part); 5] = [
+        let sites = |g: &AtGain| {
+            let v = g.found.bias.frame_site_variance.unwrap_or(Value::new(0.0, 1.0));
+            (v, v.std_error)
+        };
+        let parts: [(&str, Part); 6] = [
             (
                 "row-temporal-noise",
                 part(&|g| (g.found.bias.row_variance, g.found.bias.row_variance_null)),
@@ -112,14 +118,15 @@ impl Noise {
             ),
             (
                 "column-offset-fpn",
-                part(&|g| (g.found.bias.pattern.columns, g.found.bias.pattern.line_nulls[0])),
+                pattern(&|g| (g.found.bias.pattern.columns, g.found.bias.pattern.line_nulls[0])),
             ),
             ("frame-offset-noise", part(&frame)),
+            ("frame-offset-by-site", part(&sites)),
             ("pixel-offset-fpn", {
                 // The pattern of the dark current in the shortest exposure is not one of offsets.
                 let spread = dark.and_then(|d| d.spread).map_or(0.0, |s| s.value);
                 let grown = gains.iter().map(|g| (spread * g.shortest_s).powi(2));
-                part(&pixels).less(grown.fold(0.0, f64::max))
+                pattern(&pixels).less(grown.fold(0.0, f64::max))
             }),
         ];
         for (kind, part) in parts {
@@ -127,7 +134,7 @@ impl Noise {
                 self.effects.push(Effect { kind, key: "sigma_e", value, misfit: part.misfit });
             }
         }
-        let rows = part(&|g| (g.found.bias.pattern.rows, g.found.bias.pattern.line_nulls[1]));
+        let rows = pattern(&|g| (g.found.bias.pattern.rows, g.found.bias.pattern.line_nulls[1]));
         self.rows = stands_out(&rows).or(Some(Value::new(0.0, rows.null.sqrt())));
         // Spreads are roots, never below 0: their squares are combined.
         let many = gains.iter().filter(|g| g.found.bias.frames() >= MIN_SPREAD_FRAMES);
@@ -147,6 +154,8 @@ impl Noise {
 /// A variance at all gains, e⁻².
 struct Part {
     sigma: Option<Value>,
+    /// Smallest standard error of the variance at one gain, e⁻².
+    at_one_gain: f64,
     /// In standard errors of none.
     deviation: f64,
     /// Standard error where there is none, e⁻².
@@ -169,7 +178,17 @@ impl Part {
             variance = each.first().map(|(v, _)| *v);
         }
         let deviation = variance.map_or(0.0, |v| v.value / null);
-        Self { sigma: variance.and_then(Value::sqrt), deviation, null, misfit }
+        let at_one_gain = each.iter().map(|(v, _)| v.std_error).fold(f64::INFINITY, f64::min);
+        let sigma = variance.and_then(Value::sqrt);
+        Self { sigma, at_one_gain, deviation, null, misfit }
+    }
+
+    /// With the error of a pattern that is the same at all gains, which has so many lines or
+    /// pixels and no more.
+    fn of_one_pattern(self) -> Self {
+        let error = |s: Value| s.std_error.max(0.5 * self.at_one_gain / s.value);
+        let sigma = self.sigma.map(|s| Value::new(s.value, error(s)));
+        Self { sigma, ..self }
     }
 
     /// Without a part that has another cause.
@@ -206,22 +225,38 @@ fn black(g: &AtGain, dark_dn: f64) -> Value {
     Value::new(mean - dark_dn, libm::hypot(error, lines.sqrt()))
 }
 
-/// Variance of the read noise, e⁻², without the shot noise of `dark_e` electrons.
+/// Variance of the read noise, e⁻², without the shot noise of `dark_e` electrons and what a digital
+/// gain makes of rounding beyond a twelfth.
 fn read_variance(g: &AtGain, k: Value, dark_e: f64) -> Value {
-    let variance = g.found.bias.read_noise_variance.scaled(k.value.powi(-2));
+    let rounding = (g.digital * g.digital - 1.0) / 12.0;
+    let of_bias = g.found.bias.read_noise_variance;
+    let of_bias = Value::new(of_bias.value - rounding, of_bias.std_error);
+    let variance = of_bias.scaled(k.value.powi(-2));
     let of_gain = 2.0 * variance.value * k.std_error / k.value;
     Value::new(variance.value - dark_e, libm::hypot(variance.std_error, of_gain))
 }
 
-/// The dark current of the gain that shows it best.
+/// The dark current over all gains.
 fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
+    struct One {
+        gain: usize,
+        rate: Value,
+        spread: Option<Value>,
+        hot: Option<[Value; 2]>,
+    }
     let all = gains.iter().zip(response).enumerate().filter_map(|(gain, (g, k))| {
         let found = g.found.dark_current.as_ref()?;
         let electrons = |v: Value| v.over(*k);
-        let rate = electrons(found.median);
-        let rate = Value::new(rate.value.max(0.0), rate.std_error);
-        let spread = found.pattern_variance.sqrt().map(electrons);
         let (width, height) = g.found.size();
+        // The level of a frame is that of all its pixels and rows, which move together.
+        let of_rows = g.found.bias.row_variance.value.max(0.0) / height as f64;
+        let of_frames = g.found.frame_offsets.map_or(0.0, |o| o.sd_dn * o.sd_dn);
+        let of_levels = found.errors_of_levels(0.0)[0] * (of_rows + of_frames).sqrt();
+        let median = Value::new(
+            found.median.value.max(0.0),
+            libm::hypot(found.median.std_error, of_levels),
+        );
+        let spread = found.pattern_variance.sqrt().map(electrons);
         let count = found.hot_share.value * (width * height) as f64;
         let hot = found.hot_excess.filter(|_| count >= MIN_HOT).map(|mean| {
             // Of an exponential law the excess over a limit has the law's mean.
@@ -229,10 +264,20 @@ fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
             [found.hot_share.scaled(below), electrons(mean)]
         });
         let hot = hot.filter(|[fraction, _]| fraction.value <= 1.0);
-        Some(Dark { rate, spread, hot, gain })
+        let rate = electrons(median);
+        rate.std_error.is_finite().then_some(One { gain, rate, spread, hot })
     });
-    all.filter(|d| d.rate.std_error.is_finite())
-        .min_by(|a, b| a.rate.std_error.total_cmp(&b.rate.std_error))
+    let all: Vec<One> = all.collect();
+    let best = all.iter().min_by(|a, b| a.rate.std_error.total_cmp(&b.rate.std_error))?;
+    // All gains see the same pixels: their pattern is known as well as at the best of them.
+    let spreads = || all.iter().filter_map(|one| one.spread);
+    let error = spreads().map(|s| s.std_error).fold(f64::INFINITY, f64::min);
+    Some(Dark {
+        rate: Value::combine(all.iter().map(|one| one.rate))?,
+        spread: Value::combine(spreads()).map(|s| Value::new(s.value, error)),
+        hot: best.hot,
+        gains: all.iter().map(|one| one.gain).collect(),
+    })
 }
 
 /// PRNU of the brightest flat of the lowest gain: of the charge, which the response compresses.

@@ -13,7 +13,8 @@
 //! means scatter more than by noise, they count less accordingly.
 //!
 //! K of each gain, a and all q are fitted together, for each exponent of `EXPONENTS` and for a
-//! straight line; the least χ² + k ln n of k parameters and n data wins (Schwarz 1978).
+//! straight line; the least χ² + k ln n of k parameters and n data wins (Schwarz 1978), n ln χ²
+//! where no curve fits to within the errors.
 
 use camrig_base::Value;
 use camrig_base::median::median;
@@ -236,9 +237,13 @@ impl Try<'_> {
         Some(Fitted { chi2: sum(&residuals), parameters: p, covariance: covariance? })
     }
 
-    /// χ² plus what its parameters cost.
+    /// χ² plus what its parameters cost; where the data scatter by more than their errors, as if
+    /// these were larger accordingly.
     fn score(&self, fitted: &Fitted) -> f64 {
-        fitted.chi2 + fitted.parameters.len() as f64 * libm::log(self.count() as f64)
+        let n = self.count() as f64;
+        let over = (fitted.chi2 / n).max(1.0);
+        let misfit = fitted.chi2 / over + n * libm::log(over);
+        misfit + fitted.parameters.len() as f64 * libm::log(n)
     }
 
     fn count(&self) -> usize {

@@ -1,8 +1,8 @@
 //! The dark and flat stacks of a cleaned set by analog gain, and the levels of the flats.
 
 use camrig_base::{Cfa, Error, Plane, Result};
-use camrig_captures::{Capture, CaptureSet, Role};
-use camrig_clean::Cleaned;
+use camrig_captures::{CaptureSet, Role};
+use camrig_clean::{Cleaned, Done, Kind};
 use camrig_estimates::{Estimates, Sites, Stack, estimate};
 use camrig_measure::ladder::{Selection, photons};
 use camrig_measure::moments::SATURATED_SHARE;
@@ -19,6 +19,8 @@ const SAME_TEMPERATURE_C: f64 = 1.0;
 pub struct AtGain {
     /// The gain as it was stated.
     pub gain: f64,
+    /// The part of it that multiplied the codes.
+    pub digital: f64,
     /// What its dark and flat stacks show.
     pub found: Estimates,
     /// Its flats below saturation, in the order of [`Estimates::flats`].
@@ -95,18 +97,31 @@ pub fn measure(raw: &CaptureSet, cleaned: &Cleaned, dn_per_e: Option<f64>) -> Re
     Ok(all)
 }
 
-/// The dark and flat captures whose temperature most of them have.
+/// The flats, whose gain does not depend on temperature, and the darks whose temperature most darks
+/// have.
 fn at_one_temperature(set: &CaptureSet) -> Vec<usize> {
-    let kept = |c: &Capture| matches!(c.role, Role::Dark | Role::Flat);
-    let all: Vec<usize> = (0..set.captures.len()).filter(|i| kept(&set.captures[*i])).collect();
+    let of = |role: Role| (0..set.captures.len()).filter(move |i| set.captures[*i].role == role);
+    let darks: Vec<usize> = of(Role::Dark).collect();
     let near = |a: &usize, b: &usize| {
         let at = |i: &usize| set.captures[*i].temperature_c;
         at(a).zip(at(b)).is_none_or(|(a, b)| (a - b).abs() <= SAME_TEMPERATURE_C)
     };
-    let together = |a: &&usize| all.iter().filter(|b| near(a, b)).count();
+    let together = |a: &&usize| darks.iter().filter(|b| near(a, b)).count();
     // Of equal groups the first in the file.
-    let Some(first) = all.iter().rev().max_by_key(together) else { return all };
-    all.iter().copied().filter(|i| near(first, i)).collect()
+    let first = darks.iter().rev().max_by_key(together);
+    let together = darks.iter().filter(|i| first.is_some_and(|first| near(first, i))).copied();
+    let mut used: Vec<usize> = together.chain(of(Role::Flat)).collect();
+    used.sort_unstable();
+    used
+}
+
+/// What multiplied the codes of a gain, where all its samples within the scale have a step.
+fn digital(set: &CaptureSet, cleaned: &Cleaned, gain: f64) -> f64 {
+    let of_gain = |id: &str| set.captures.iter().any(|c| c.id == id && c.analog_gain == gain);
+    let steps = cleaned.findings().iter();
+    let steps = steps.filter(|f| f.kind == Kind::CodeStep && f.done == Done::Reported);
+    let mut own = steps.filter(|f| f.place.split(", ").any(of_gain));
+    own.find_map(|f| f.amount).unwrap_or(1.0)
 }
 
 fn at_gain(
@@ -156,7 +171,8 @@ fn at_gain(
     let shortest_s = darks.map(|s| s.exposure_s).fold(f64::INFINITY, f64::min);
     let frames = [count(Role::Dark), flats.iter().map(|f| f.frames).sum()];
     let found = estimate(&stacks, sites(&cleaned.set().cfa()), dn_per_e)?;
-    Ok(AtGain { gain, found, flats, shortest_s, frames, ptc: photon_transfer })
+    let digital = digital(set, cleaned, gain);
+    Ok(AtGain { gain, digital, found, flats, shortest_s, frames, ptc: photon_transfer })
 }
 
 /// The photon transfer of the wavelength with most flats at a gain; none without flats.

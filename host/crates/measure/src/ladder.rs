@@ -106,9 +106,11 @@ impl<'a> Selection<'a> {
             .with_role(Role::Flat)
             .filter(|c| (c.analog_gain, wavelength(c)) == (gain, wavelength_nm))
             .collect();
-        let reference = flats.iter().find_map(|c| c.temperature_c);
-        let near = |c: &&Capture| match (reference, c.temperature_c) {
-            (Some(a), Some(b)) => (a - b).abs() <= SAME_TEMPERATURE_C,
+        let known: Vec<f64> = flats.iter().filter_map(|c| c.temperature_c).collect();
+        let near = |c: &&Capture| match c.temperature_c {
+            Some(own) if !known.is_empty() => {
+                known.iter().any(|t| (t - own).abs() <= SAME_TEMPERATURE_C)
+            }
             _ => true,
         };
         let (darks, other_darks): (Vec<_>, Vec<_>) =

@@ -143,23 +143,90 @@ fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
 }
 
 /// Per channel (S, O): variance = S x + O of the signal x, 0 at black and 1 at white. S is one
-/// electron, or nothing where shot noise is left out, O the read noise with the converter's
-/// rounding, both as fractions of the range.
+/// electron, or nothing where shot noise is left out, O the noise of a pixel in the dark from frame
+/// to frame with the converter's rounding, both as fractions of the range.
 fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let sensor = &camera.sensor;
     let max_dn = f64::from((1u32 << sensor.bits) - 1);
     let at = sensor.at_gain(gain);
     let range = max_dn - at.black_level_dn;
     let scale = at.dn_per_e / range;
-    let offset = at.read_variance_e2 * scale * scale + at.rounding() / (12.0 * range * range);
+    let read_e2 = dark_variance_e2(camera, gain, at.read_variance_e2);
+    let offset = read_e2 * scale * scale + at.rounding() / (12.0 * range * range);
     let shot = if sensor.kept_noise == KeptNoise::None { 0.0 } else { scale };
     // DNG 1.4: a pair for all planes, or one for each.
     vec![(shot, offset); if sensor.cfa.channels() == ['R', 'G', 'B'] { 3 } else { 1 }]
 }
 
+/// Variance of a pixel in the dark from frame to frame, mean over the pixels, e⁻²: of the read noise
+/// and of the effects that add to it, by their closed forms. What is common to a frame is no noise
+/// of a picture.
+fn dark_variance_e2(camera: &Camera, gain: f64, read_e2: f64) -> f64 {
+    let squared = |e: f32| f64::from(e) * f64::from(e);
+    let scaled =
+        |sigma: f32, exponent: f32| squared(sigma) * libm::pow(gain, 2.0 * f64::from(exponent));
+    let (mut spread, mut added) = (1.0, 0.0);
+    for effect in &camera.effects {
+        match effect {
+            Effect::ReadNoiseSpread(e) => spread *= libm::exp(2.0 * squared(e.spread)),
+            Effect::HeavyTailedReadNoise(e) => added += scaled(e.sigma_e, e.gain_exponent),
+            Effect::RowTemporalNoise(e) => added += scaled(e.sigma_e, e.gain_exponent),
+            Effect::RowCorrelatedNoise(e) => added += scaled(e.sigma_e, e.gain_exponent),
+            Effect::ColumnTemporalNoise(e) => added += scaled(e.sigma_e, e.gain_exponent),
+            Effect::PeriodicPatternNoise(e) => {
+                added += 0.5 * scaled(e.amplitude_e, e.gain_exponent);
+            }
+            Effect::ResetNoise(e) => {
+                added += squared(e.sigma_e(camera.sensor.temperature_c as f32))
+            }
+            Effect::RandomTelegraphNoise(e) => {
+                let switching = match e.between_samples {
+                    0.0 => e.duty * (1.0 - e.duty),
+                    s => 2.0 * s * e.duty * (1.0 - e.duty),
+                };
+                let amplitude = squared(e.amplitude_e) * (1.0 + squared(e.spread));
+                added += f64::from(e.fraction * switching) * amplitude;
+            }
+            _ => (),
+        }
+    }
+    spread * read_e2 + added
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use camrig_camera::AnyEffect;
+
+    /// O is the variance in the dark, whatever makes it: (5 K/4031)² + (1/4031)²/12.
+    #[test]
+    fn noise_of_effects_is_in_the_noise_profile() {
+        let mut camera = Camera::load("mobile").unwrap();
+        let sensor = &mut camera.sensor;
+        (sensor.bits, sensor.black_level_dn, sensor.full_scale_e) = (12, 64.0, 11_000.0);
+        (sensor.noise.read_e, sensor.noise.read_e_post) = (0.0, 0.0);
+        let offset = |camera: &Camera| noise_profile(camera, 1.0)[0].1;
+        let range = 4095.0 - 64.0;
+        let rounding = 1.0 / 12.0 / (range * range);
+        assert!((offset(&camera) / rounding - 1.0).abs() < 1e-9);
+        let alone = |e2: f64| e2 * (4095.0f64 / 11_000.0 / range).powi(2) + rounding;
+        let add = |kind: &str, values: &[f32]| {
+            let mut camera = camera.clone();
+            let Some(AnyEffect::Sensor(effect)) = AnyEffect::new(kind, values) else {
+                panic!("{kind}")
+            };
+            camera.effects = vec![effect];
+            offset(&camera)
+        };
+        for (kind, values, e2) in [
+            ("heavy-tailed-read-noise", &[5.0, -0.1, 0.0][..], 25.0),
+            ("row-temporal-noise", &[1.2, 0.0], 1.44),
+            ("periodic-pattern-noise", &[2.0, 0.1, 0.0, 0.0], 2.0),
+            ("random-telegraph-noise", &[0.01, 10.0, 0.2, 0.5, 1.0, 0.0, 0.0], 0.5),
+        ] {
+            assert!((add(kind, values) / alone(e2) - 1.0).abs() < 1e-6, "{kind}");
+        }
+    }
 
     /// Scenes of radiance, whose light nobody knows, are shown as under D65.
     #[test]

@@ -190,6 +190,18 @@ impl Hdr {
         Ok(())
     }
 
+    /// Names of the captures, separated by commas.
+    pub fn names(&self) -> String {
+        let names: Vec<&str> = self.captures.iter().map(|c| c.name.as_str()).collect();
+        names.join(", ")
+    }
+
+    /// The error of something that looks at one reading of a pixel; its help is the caller's.
+    pub fn where_one_is_read(&self) -> Error {
+        let what = format!("a sensor of {} captures where one is read", self.captures.len());
+        Error::unsupported(what)
+    }
+
     /// Largest value of the linear signal, DN: where the last capture ends.
     pub fn linear_white_dn(&self, analog_gain: f64) -> u32 {
         let Some(last) = self.captures.last() else { return self.merge.max_dn() };

@@ -255,6 +255,14 @@ fn first_numbers(counts: &[usize]) -> Result<Vec<u32>> {
 /// Checks that the captures can be from the camera.
 fn check_sensor(camera: &Camera, set: &CaptureSet) -> Result<()> {
     let s = &camera.sensor;
+    if let Some(hdr) = &s.hdr {
+        return Err(hdr.where_one_is_read().help(format!(
+            "take the captures ({}) one by one (sensor.hdr.output = \"captures\", or --capture \
+             NAME), and give a plain camera file of one: `camrig camera fit` makes it of its darks \
+             and flats",
+            hdr.names()
+        )));
+    }
     if (set.sensor.width, set.sensor.height) != (s.width as usize, s.height as usize) {
         return Err(Error::disagreement(format!(
             "captures of {} x {} pixels, a camera of {} x {}",
