@@ -81,8 +81,8 @@ fn level(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, i: usize) -> Opt
     })
 }
 
-/// The dark at a capture's gain and nearest to its temperature, interpolated between the exposures
-/// on either side of its own.
+/// The dark at a capture's gain and temperature, or at any where there is none, interpolated between
+/// the exposures on either side of its own.
 fn dark(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, of: &Capture) -> Option<Point> {
     let usable = scans.iter().zip(&transfer.points).filter(|(s, _)| {
         let c = &set.captures[s.capture];
@@ -91,13 +91,10 @@ fn dark(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, of: &Capture) -> 
     });
     let usable: Vec<(&Capture, Point)> =
         usable.map(|(s, p)| (&set.captures[s.capture], *p)).collect();
-    let away = |c: &Capture| {
-        let both = c.temperature_c.zip(of.temperature_c);
-        both.map_or(0.0, |(own, wanted)| (own - wanted).abs())
-    };
-    let nearest = usable.iter().map(|(c, _)| away(c)).fold(f64::INFINITY, f64::min);
-    let near = usable.into_iter().filter(|(c, _)| away(c) == nearest);
-    let mut darks: Vec<(f64, Point)> = near.map(|(c, p)| (c.exposure_s, p)).collect();
+    let same = |c: &Capture| c.temperature_c == of.temperature_c;
+    let any = !usable.iter().any(|(c, _)| same(c));
+    let own = usable.into_iter().filter(|(c, _)| any || same(c));
+    let mut darks: Vec<(f64, Point)> = own.map(|(c, p)| (c.exposure_s, p)).collect();
     darks.sort_by(|a, b| a.0.total_cmp(&b.0));
     let t = of.exposure_s;
     let (first, last) = (*darks.first()?, *darks.last()?);

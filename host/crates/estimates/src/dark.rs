@@ -81,10 +81,13 @@ impl DarkCurrent {
             return None;
         }
         let width = exposed[0].stack.size().0;
+        // Offsets of rows and columns in a frame are noise of each of their pixels.
+        let lines = bias.row_variance.value.max(0.0) + bias.column_variance.value.max(0.0);
         let noise = |dark: &&Dark<'_>| {
             let charge = dark.map.iter().zip(&bias.map).map(|(m, b)| m - b);
             let known: Vec<f64> = charge.filter(|v| !v.is_nan()).collect();
-            bias.clipped_variance + gain * clipped_mean(known, CLIP).value.max(0.0)
+            let charge = clipped_mean(known, CLIP).value.max(0.0);
+            bias.clipped_variance + lines + gain * charge
         };
         let noises: Vec<f64> = exposed.iter().map(noise).collect();
         let (mut rates, mut intercepts, mut variances) = (Vec::new(), Vec::new(), Vec::new());

@@ -268,14 +268,15 @@ fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
         rate.std_error.is_finite().then_some(One { gain, rate, spread, hot })
     });
     let all: Vec<One> = all.collect();
-    let best = all.iter().min_by(|a, b| a.rate.std_error.total_cmp(&b.rate.std_error))?;
+    // At the lowest gain the fewest of the hot pixels saturate.
+    let lowest = all.first()?;
     // All gains see the same pixels: their pattern is known as well as at the best of them.
     let spreads = || all.iter().filter_map(|one| one.spread);
     let error = spreads().map(|s| s.std_error).fold(f64::INFINITY, f64::min);
     Some(Dark {
         rate: Value::combine(all.iter().map(|one| one.rate))?,
         spread: Value::combine(spreads()).map(|s| Value::new(s.value, error)),
-        hot: best.hot,
+        hot: lowest.hot,
         gains: all.iter().map(|one| one.gain).collect(),
     })
 }

@@ -31,6 +31,8 @@ const SMALL: f64 = 1e-10;
 const LIGHT_PASSES: usize = 3;
 /// Passes that invert the response: the loss is at most a half, so that each halves the error.
 const INVERSIONS: usize = 60;
+/// Standard errors from which a response is bent.
+const MIN_DEVIATION: f64 = 3.0;
 /// Largest loss that is tried, that of the effect.
 const MAX_LOSS: f64 = 0.5;
 
@@ -260,8 +262,8 @@ pub fn fit(data: &[Datum], stated: &[f64], top_dn: f64) -> Result<Response> {
     // A light that is stated once fits any mean.
     let lit = data.iter().all(|d| d.photons.is_some()) && data.len() > lights;
     let base = Try { data, stated, exponent: None, lit, lights, light_error: 0.0, top_dn };
-    let tries = |light_error: f64| {
-        let exponents = std::iter::once(None).chain(EXPONENTS.into_iter().map(Some));
+    let tries = |light_error: f64, exponents: &[f64]| {
+        let exponents = std::iter::once(None).chain(exponents.iter().copied().map(Some));
         let all = exponents.filter_map(|exponent| {
             let tried = Try { exponent, light_error, ..base };
             let fitted = tried.fit()?;
@@ -274,16 +276,34 @@ pub fn fit(data: &[Datum], stated: &[f64], top_dn: f64) -> Result<Response> {
             "photon transfer needs flats between dark and saturation, each of two frames or more",
         )
     };
-    let (mut error, mut best) = (0.0, tries(0.0).ok_or_else(undetermined)?);
-    for _ in 0..if lit { LIGHT_PASSES } else { 0 } {
-        let next = light_error(&best.1, &best.2);
-        if next <= error {
-            break;
+    let fitted = |exponents: &[f64]| {
+        let (mut error, mut best) = (0.0, tries(0.0, exponents).ok_or_else(undetermined)?);
+        for _ in 0..if lit { LIGHT_PASSES } else { 0 } {
+            let next = light_error(&best.1, &best.2);
+            if next <= error {
+                break;
+            }
+            error = next;
+            best = tries(error, exponents).ok_or_else(undetermined)?;
         }
-        error = next;
-        best = tries(error).ok_or_else(undetermined)?;
+        Ok((best.1, best.2))
+    };
+    let (tried, found) = fitted(&EXPONENTS)?;
+    let all = response(&tried, &found);
+    let clear = all.bend.is_none_or(|bend| bend.loss.z().abs() > MIN_DEVIATION);
+    let all = match clear {
+        true => all,
+        false => fitted(&[]).map(|(tried, found)| response(&tried, &found))?,
+    };
+    if all.gains.iter().any(|k| !(k.value > 0.0 && k.std_error.is_finite())) {
+        return Err(undetermined());
     }
-    let (_, tried, fitted) = best;
+    Ok(all)
+}
+
+/// What a fit says, with errors that are larger where the variances scatter by more than theirs.
+fn response(tried: &Try<'_>, fitted: &Fitted) -> Response {
+    let (data, stated) = (tried.data, tried.stated);
     let residuals = tried.residuals(&fitted.parameters);
     let chi2: f64 = residuals[..data.len()].iter().map(|r| r * r).sum();
     // Where no law fits, the errors are those that the misfit leaves.
@@ -292,20 +312,17 @@ pub fn fit(data: &[Datum], stated: &[f64], top_dn: f64) -> Result<Response> {
     let covariance = fitted.covariance.scale(wider);
     let value = |i: usize| Value::new(fitted.parameters[i], covariance[(i, i)].sqrt());
     let gains: Vec<Value> = (0..stated.len()).map(value).collect();
-    if gains.iter().any(|k| !(k.value > 0.0 && k.std_error.is_finite())) {
-        return Err(undetermined());
-    }
-    let first = fitted.parameters.len() - if lit { lights } else { 0 };
-    Ok(Response {
+    let first = fitted.parameters.len() - if tried.lit { tried.lights } else { 0 };
+    Response {
         bend: tried.exponent.map(|exponent| Bend { loss: value(stated.len()), exponent }),
         efficiency: (first..fitted.parameters.len()).map(value).collect(),
         covariance: Matrix::from_fn(gains.len(), gains.len(), |i, j| covariance[(i, j)]),
         chi2,
         data: data.len(),
-        light_error: error,
+        light_error: tried.light_error,
         top_e: tried.law(&fitted.parameters).top_e,
         gains,
-    })
+    }
 }
 
 /// Relative error of the light with which the means scatter as they do; 0 where noise explains it.
