@@ -1,5 +1,6 @@
 //! `camrig camera`: makes camera files.
 
+mod export;
 mod files;
 mod fit;
 mod new;
@@ -18,6 +19,7 @@ pub struct Args {
 enum Command {
     New(new::NewArgs),
     Fit(fit::FitArgs),
+    Export(export::ExportArgs),
 }
 
 /// Runs the command.
@@ -25,5 +27,6 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::New(args) => new::run(args),
         Command::Fit(args) => fit::run(args),
+        Command::Export(args) => export::run(args),
     }
 }

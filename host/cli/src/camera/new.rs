@@ -4,6 +4,7 @@ use super::files;
 use camrig_base::Result;
 use camrig_camera::Change;
 use camrig_camera::draft::{Draft, Request};
+use camrig_fit::exchange;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -14,6 +15,7 @@ use std::process::ExitCode;
     camrig camera new --like imx219 -o my-camera.toml\n  \
     camrig camera new --like imx296 --cfa RGGB --f-number 1.8 -o colour.toml\n  \
     camrig camera new --pixels 3280x2464 --pitch-um 1.12 --bits 10 --cfa RGGB -o mine.toml\n  \
+    camrig camera new --pixels 4000x3000 --pitch-um 1.4 --noise iso100.dng iso800.dng -o phone.toml\n  \
     camrig camera new --pixels 2464x2056 --pitch-um 3.45 --bits 12 --cfa mono \\\n    \
     --full-well-e 10400 --read-noise-e 2.1 --qe 450:0.56,529:0.64,650:0.5 -o mono.toml\n\n\
     `camrig presets` lists the built-in sensors, `camrig explain KEY` explains a key.")]
@@ -49,6 +51,11 @@ pub struct NewArgs {
     /// Black level, DN
     #[arg(long, value_name = "DN")]
     black_level_dn: Option<String>,
+    /// Noise, gain and levels from another program: DNGs of one camera with a NoiseProfile, a table
+    /// of such profiles or of Noise Flow's betas (CSV, the columns of `camera export`), parameters
+    /// of ELD or PMN (JSON), a tuning file of libcamera
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    noise: Vec<PathBuf>,
     /// F-number of the lens
     #[arg(long, value_name = "N")]
     f_number: Option<String>,
@@ -69,7 +76,18 @@ pub struct NewArgs {
 /// Runs the command.
 pub fn run(args: &NewArgs) -> Result<ExitCode> {
     files::check_name(&args.output)?;
-    let draft = Draft::of(&args.request())?;
+    let mut request = args.request();
+    if !args.noise.is_empty() {
+        let number = |key: &str| {
+            let own = request.given.iter().find(|change| change.key == key)?;
+            own.value.as_f64()
+        };
+        let bits = number("sensor.bits").map(|bits| bits as u8);
+        let found = exchange::read(&args.noise, bits, number("sensor.noise.prnu"))?;
+        found.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        request.known = found.known;
+    }
+    let draft = Draft::of(&request)?;
     let files = files::write(&draft, &args.output, args.force)?;
     tell(&draft, &args.output, &files);
     Ok(ExitCode::SUCCESS)

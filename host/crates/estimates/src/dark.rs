@@ -4,7 +4,7 @@
 use super::areas::{Area, far, find, running_median};
 use super::bias::Bias;
 use super::drift::{Drift, Levels, likeliest};
-use super::robust::{Sorted, clipped_mean, core_sd, mean, median, variance};
+use super::robust::{Core, Sorted, clipped_mean, mean, median, variance};
 use super::torn::{Torn, holds};
 use super::{Sites, Stack};
 use camrig_base::Value;
@@ -47,6 +47,8 @@ impl<'a> Dark<'a> {
 pub struct DarkCurrent {
     /// Of the median pixel.
     pub median: Value,
+    /// Of the mean over the ordinary pixels; of the median pixel where they have a wide tail.
+    pub ordinary: Value,
     /// Of the mean over pixels, hot ones included.
     pub mean: Value,
     /// Of the mean over pixels, clipped.
@@ -114,8 +116,8 @@ impl DarkCurrent {
         let median_by_site: Vec<Value> = of_sites.map(|r| Sorted::new(r).estimate(0.5)).collect();
         let excess = |p: usize| rates[p] - median_by_site[sites.of(p % width, p / width)].value;
         let mut above: Vec<f64> = (0..rates.len()).map(excess).collect();
-        let core = core_sd(&sorted);
-        let within = core_sd(&Sorted::new(above.iter().copied()));
+        let Core { centre, sd: core } = Core::of(&sorted);
+        let within = Core::of(&Sorted::new(above.iter().copied())).sd;
         let limit = HOT * core.value.max(own.sqrt());
         let hot_areas = hot_areas(&mut above, width, limit);
         let hot: Vec<f64> = above.iter().copied().filter(|r| *r > limit).collect();
@@ -128,6 +130,7 @@ impl DarkCurrent {
         };
         Some(Self {
             median: middle,
+            ordinary: centre,
             mean: mean(&rates),
             clipped_mean: clipped_mean(rates.clone(), CLIP),
             median_by_site,

@@ -116,29 +116,44 @@ impl Sorted {
     }
 }
 
-/// Standard deviation of the normal core of values with a tail above: from all within three
-/// deviations of the median, where that agrees with the lower half alone, which knows nothing of
-/// the tail but has 2.4 times the error.
-pub fn core_sd(sorted: &Sorted) -> Value {
-    /// Where values are cut, and what the cut leaves of a normal law's variance: 1 − 2cφ(c)/(2Φ(c)
-    /// − 1).
-    const CUT: f64 = 3.0;
-    const KEPT: f64 = 0.973_336_9;
-    /// Standard error of the result over σ/√n (Huber 1981, of a trimmed scale).
-    const ERROR: f64 = 0.761;
-    const PASSES: usize = 30;
-    let low = sorted.lower_sd();
-    let middle = sorted.quantile(0.5);
-    let within = |sd: f64| {
-        let kept = sorted.0.iter().map(|v| v - middle).filter(|v| v.abs() <= CUT * sd);
-        let (n, sum) = kept.fold((0.0, 0.0), |(n, sum), v| (n + 1.0, sum + v * v));
-        (sum / f64::max(n, 1.0) / KEPT).sqrt()
-    };
-    let sd = (0..PASSES).fold(low.value, |sd, _| within(sd));
-    if (sd - low.value).abs() > 2.0 * low.std_error {
-        return low;
+/// The normal core of values with a tail above.
+pub struct Core {
+    /// Its centre.
+    pub centre: Value,
+    /// Its standard deviation.
+    pub sd: Value,
+}
+
+impl Core {
+    /// From all values within three deviations of the median, where that agrees with the lower half
+    /// alone, which knows nothing of the tail but has 2.4 times the error; else the median, and the
+    /// lower half.
+    pub fn of(sorted: &Sorted) -> Self {
+        /// Where values are cut, and what the cut leaves of a normal law's variance: 1 − 2cφ(c)/
+        /// (2Φ(c) − 1).
+        const CUT: f64 = 3.0;
+        const KEPT: f64 = 0.973_336_9;
+        /// Standard errors of the deviation and the mean over σ/√n, of values so cut (Huber 1981).
+        const ERRORS: [f64; 2] = [0.761, 1.014];
+        const PASSES: usize = 30;
+        let (low, middle) = (sorted.lower_sd(), sorted.estimate(0.5));
+        let within = |sd: f64| {
+            let kept = sorted.0.iter().map(|v| v - middle.value).filter(|v| v.abs() <= CUT * sd);
+            kept.fold([0.0; 3], |[n, sum, squares], v| [n + 1.0, sum + v, squares + v * v])
+        };
+        let sd = (0..PASSES).fold(low.value, |sd, _| {
+            let [n, _, squares] = within(sd);
+            (squares / n.max(1.0) / KEPT).sqrt()
+        });
+        let [n, sum, _] = within(sd);
+        let centre = middle.value + sum / n.max(1.0);
+        let apart = |a: f64, b: Value| (a - b.value).abs() > 2.0 * b.std_error;
+        if apart(sd, low) || apart(centre, middle) {
+            return Self { centre: middle, sd: low };
+        }
+        let [of_sd, of_mean] = ERRORS.map(|e| e * sd / (sorted.0.len() as f64).sqrt());
+        Self { centre: Value::new(centre, of_mean), sd: Value::new(sd, of_sd) }
     }
-    Value::new(sd, ERROR * sd / (sorted.0.len() as f64).sqrt())
 }
 
 /// Standard error of a figure by leaving out one of `n` parts at a time (the jackknife; Efron
@@ -179,14 +194,16 @@ mod tests {
         assert!(median.value.abs() < 4.0 * median.std_error);
         let sd = sorted.lower_sd();
         assert!((sd.value - 1.0).abs() < 4.0 * sd.std_error && sd.std_error < 0.01, "{sd:?}");
-        let core = core_sd(&sorted);
-        assert!((core.value - 1.0).abs() < 4.0 * core.std_error, "{core:?}");
-        assert!(core.std_error < 0.5 * sd.std_error, "{core:?}");
-        // Of a wide tail, the lower half.
-        let tail =
-            values.iter().enumerate().map(|(i, v)| if i % 5 == 0 { v.abs() * 4.0 } else { *v });
-        let sorted = Sorted::new(tail);
-        assert_eq!(core_sd(&sorted), sorted.lower_sd());
+        let core = Core::of(&sorted);
+        assert!((core.sd.value - 1.0).abs() < 4.0 * core.sd.std_error, "{:?}", core.sd);
+        assert!(core.centre.value.abs() < 4.0 * core.centre.std_error, "{:?}", core.centre);
+        assert!(core.sd.std_error < 0.5 * sd.std_error, "{:?}", core.sd);
+        assert!(core.centre.std_error < 0.85 * median.std_error, "{:?}", core.centre);
+        // Of a wide tail, the median and the lower half.
+        let tail = |(i, v): (usize, &f64)| if i % 5 == 0 { v.abs() * 4.0 } else { *v };
+        let sorted = Sorted::new(values.iter().enumerate().map(tail));
+        let core = Core::of(&sorted);
+        assert_eq!((core.centre, core.sd), (sorted.estimate(0.5), sorted.lower_sd()));
         let kept = jackknife(values.len().min(200), |i| {
             let rest = values[..200].iter().enumerate().filter(|(k, _)| *k != i).map(|(_, v)| v);
             rest.sum::<f64>() / 199.0

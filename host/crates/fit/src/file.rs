@@ -326,7 +326,11 @@ impl Found<'_> {
             column(key, numbers.into(), Basis::measured(worst, &frames));
         }
         if let Some(above) = digital {
-            column("digital_above", above.into(), Basis::measured(0.0, "codes at larger gains"));
+            column(
+                "digital_above",
+                rounded(above, 7).into(),
+                Basis::measured(0.0, "codes at larger gains"),
+            );
         }
     }
 

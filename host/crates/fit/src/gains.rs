@@ -4,6 +4,7 @@
 use super::stacks::AtGain;
 use camrig_base::Value;
 use camrig_base::tails::misfit;
+use camrig_camera::typical::rounded;
 use camrig_linear::{LeastSquares, Matrix, Vector};
 
 /// Relative difference up to which analog gains are one.
@@ -27,6 +28,8 @@ impl Place {
         let mut places: Vec<Self> = Vec::new();
         for (i, g) in gains.iter().enumerate() {
             let analog = above.map_or(g.gain, |above| g.gain.min(above));
+            // As sensors have them: single precision.
+            let analog = rounded(analog, 7);
             match places.iter_mut().find(|p| same(p.analog, analog)) {
                 Some(place) => place.of.push(i),
                 None => places.push(Self { analog, of: vec![i] }),

@@ -23,6 +23,7 @@
 //! [`camrig-diagnose`]: https://docs.rs/camrig-diagnose
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+pub mod exchange;
 mod file;
 pub mod gains;
 pub mod noise;

@@ -11,6 +11,8 @@ use camrig_estimates::robust::trigamma;
 /// Standard errors, and share of the read noise, from which an effect is written.
 const MIN_DEVIATION: f64 = 3.0;
 pub(crate) const MIN_SHARE: f64 = 0.03;
+/// Longest over shortest exposure from which darks show a dark current.
+const MIN_SPAN: f64 = 1.5;
 /// Hot pixels from which their law is written.
 const MIN_HOT: f64 = 5.0;
 /// Frames of the bias from which the spread of the read noise is judged: of fewer, the law of their
@@ -20,7 +22,7 @@ const MIN_SPREAD_FRAMES: usize = 12;
 /// Dark current of the ordinary pixels, and of hot ones.
 #[derive(Clone, Debug)]
 pub struct Dark {
-    /// Of the median pixel, e⁻/s.
+    /// Of the ordinary pixels, e⁻/s.
     pub rate: Value,
     /// Standard deviation over the ordinary pixels, e⁻/s.
     pub spread: Option<Value>,
@@ -246,16 +248,17 @@ fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
     }
     let all = gains.iter().zip(response).enumerate().filter_map(|(gain, (g, k))| {
         let found = g.found.dark_current.as_ref()?;
+        if g.longest_s < MIN_SPAN * g.shortest_s {
+            return None;
+        }
         let electrons = |v: Value| v.over(*k);
         let (width, height) = g.found.size();
         // The level of a frame is that of all its pixels and rows, which move together.
         let of_rows = g.found.bias.row_variance.value.max(0.0) / height as f64;
         let of_frames = g.found.frame_offsets.map_or(0.0, |o| o.sd_dn * o.sd_dn);
         let of_levels = found.errors_of_levels(0.0)[0] * (of_rows + of_frames).sqrt();
-        let median = Value::new(
-            found.median.value.max(0.0),
-            libm::hypot(found.median.std_error, of_levels),
-        );
+        let own = found.ordinary;
+        let ordinary = Value::new(own.value.max(0.0), libm::hypot(own.std_error, of_levels));
         let spread = found.pattern_variance.sqrt().map(electrons);
         let count = found.hot_share.value * (width * height) as f64;
         let hot = found.hot_excess.filter(|_| count >= MIN_HOT).map(|mean| {
@@ -264,7 +267,7 @@ fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
             [found.hot_share.scaled(below), electrons(mean)]
         });
         let hot = hot.filter(|[fraction, _]| fraction.value <= 1.0);
-        let rate = electrons(median);
+        let rate = electrons(ordinary);
         rate.std_error.is_finite().then_some(One { gain, rate, spread, hot })
     });
     let all: Vec<One> = all.collect();

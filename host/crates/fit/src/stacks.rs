@@ -27,6 +27,8 @@ pub struct AtGain {
     pub flats: Vec<FlatStack>,
     /// Exposure of the shortest dark, s.
     pub shortest_s: f64,
+    /// Exposure of the longest dark, s.
+    pub longest_s: f64,
     /// Frames of the darks and of the flats that were used.
     pub frames: [usize; 2],
     /// Photon transfer of its flats; none where it has none.
@@ -167,12 +169,13 @@ fn at_gain(
     };
     let flats: Vec<FlatStack> = flats.into_iter().enumerate().filter_map(below).collect();
     let count = |role| stacks.iter().filter(|s| s.role == role).map(|s| s.frames.len()).sum();
-    let darks = stacks.iter().filter(|s| s.role == Role::Dark);
-    let shortest_s = darks.map(|s| s.exposure_s).fold(f64::INFINITY, f64::min);
+    let darks = || stacks.iter().filter(|s| s.role == Role::Dark).map(|s| s.exposure_s);
+    let (shortest_s, longest_s) =
+        (darks().fold(f64::INFINITY, f64::min), darks().fold(0.0, f64::max));
     let frames = [count(Role::Dark), flats.iter().map(|f| f.frames).sum()];
     let found = estimate(&stacks, sites(&cleaned.set().cfa()), dn_per_e)?;
     let digital = digital(set, cleaned, gain);
-    Ok(AtGain { gain, digital, found, flats, shortest_s, frames, ptc: photon_transfer })
+    Ok(AtGain { gain, digital, found, flats, shortest_s, longest_s, frames, ptc: photon_transfer })
 }
 
 /// The photon transfer of the wavelength with most flats at a gain; none without flats.

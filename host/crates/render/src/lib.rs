@@ -66,7 +66,7 @@ pub use lighting::{DEFAULT_ILLUMINANT, DEFAULT_LUX, MEAN_REFLECTANCE};
 pub use lighting::{SceneInLight, SceneIrradiance, SceneLight, radiance_at};
 pub use lighting::{scene_irradiance, scene_notes};
 pub use made_for::{MadeFor, check_made_for, made_for, unchecked};
-pub use metadata::{describe_merged, dng_info, frame_info};
+pub use metadata::{describe_merged, dng_info, frame_info, noise_profile};
 pub use motion_stage::MotionStage;
 pub use optics_stage::{Motion, OpticsOutput, OpticsStage};
 pub use reach::{light_beyond_a_chart, missing};

@@ -145,7 +145,7 @@ fn sensitivity(camera: &Camera) -> Option<[Spectrum; 3]> {
 /// Per channel (S, O): variance = S x + O of the signal x, 0 at black and 1 at white. S is one
 /// electron, or nothing where shot noise is left out, O the noise of a pixel in the dark from frame
 /// to frame with the converter's rounding, both as fractions of the range.
-fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
+pub fn noise_profile(camera: &Camera, gain: f64) -> Vec<(f64, f64)> {
     let sensor = &camera.sensor;
     let max_dn = f64::from((1u32 << sensor.bits) - 1);
     let at = sensor.at_gain(gain);
