@@ -100,7 +100,8 @@ enum Kind<'a> {
 
 enum Max {
     Value(u32),
-    /// What another feature leaves of the sensor's columns or rows, in whole steps.
+    /// What another feature leaves of the sensor's columns or rows, in whole steps. By its
+    /// register: the features limit each other, and their nodes must not depend on each other.
     Rest {
         all: u32,
         of: &'static str,
@@ -153,7 +154,7 @@ impl Feature<'_> {
                     Max::Rest { all, of } => {
                         let _ = writeln!(
                             out,
-                            "<IntSwissKnife Name=\"{name}Limit\"><pVariable Name=\"OTHER\">{of}\
+                            "<IntSwissKnife Name=\"{name}Limit\"><pVariable Name=\"OTHER\">{of}Register\
                              </pVariable><Formula>({all} - OTHER) / {step} * {step}</Formula>\
                              </IntSwissKnife>"
                         );
