@@ -3,7 +3,7 @@
 
 use camrig_fuzz::files::Reader;
 use camrig_fuzz::memory::Bounded;
-use camrig_fuzz::{device, frames, host, video};
+use camrig_fuzz::{device, frames, gige, host, video};
 use std::path::{Path, PathBuf};
 
 #[global_allocator]
@@ -78,6 +78,25 @@ fn both_ends_of_the_link_survive_bytes_that_nobody_meant() {
         let bytes = Draws(seed).bytes(2000);
         device::converse(&bytes);
         host::converse(&bytes);
+    }
+}
+
+#[test]
+fn a_camera_on_the_network_survives_datagrams_that_nobody_meant() {
+    // Writes of its features, a resend request and a read, and changes of these.
+    let mut meant = Vec::new();
+    for address in (0xF000u16..0xF0A0).step_by(4) {
+        meant.extend([0x82, 16, 0x42, 1, 0, 0x82, 0, 8, 0, 1, 0, 0]);
+        meant.extend(address.to_be_bytes());
+        meant.extend([0, 0, 0, 4]);
+    }
+    meant.extend([0x40, 12, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0xff, 0xff, 0xff]);
+    meant.extend([0x04, 8, 0, 1, 0, 0, 0, 0, 2, 0]);
+    gige::converse(&meant);
+    let mut draws = Draws(1);
+    for _ in 0..CONVERSATIONS {
+        gige::converse(&draws.changed(&meant));
+        gige::converse(&draws.bytes(2000));
     }
 }
 

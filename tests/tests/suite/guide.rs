@@ -110,6 +110,11 @@ fn diagnose() {
 }
 
 #[test]
+fn be_a_camera() {
+    page("docs/guide/live-camera.md");
+}
+
+#[test]
 fn drive_a_rig() {
     page("docs/guide/rig.md");
 }
