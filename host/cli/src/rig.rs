@@ -291,7 +291,7 @@ fn serve(args: &ServeArgs) -> Result<()> {
     if let Some(place) = args.gige {
         return rig_gige::serve(place, args.allow_remote, &args.gige_camera, ready);
     }
-    args.gige_camera.refuse_scene()?;
+    args.gige_camera.refuse()?;
     let emulator = Emulator::new(args.versions);
     if let Some(address) = &args.tcp {
         return serve_tcp(address, args, emulator, ready);

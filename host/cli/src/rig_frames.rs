@@ -2,13 +2,59 @@
 
 use super::scene_lights::{NextLight, SceneLights};
 use camrig_base::Result;
+use camrig_base::output::LiveOutput;
 use camrig_exposure::IrradianceCube;
 use camrig_render::SimulatedSensor;
-use camrig_rig::{FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
+use camrig_rig::{Faults, FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
+use serde_json::json;
+use std::path::PathBuf;
 
 /// Memory for rows encoded for the link, bytes: if all cubes fit, their rows are encoded once for
 /// all frames. A trade-off: any workstation can spare a gibibyte.
 pub const KEPT_BYTES: usize = 1 << 30;
+
+/// Faults by schedule.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct FaultArgs {
+    /// Schedule of faults: lines such as `17: drop`, `100-130: freeze`, `140: row 30 corrupt` and
+    /// `every 50 from 200: late 4 ms`, by the number of the frame from 0. Others: repeat; black;
+    /// white; rows 10-19 lost; bit errors 1e-5; stuck counter
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
+    /// Write what the schedule did to each frame, a JSON object on a line
+    #[arg(long, value_name = "FILE", requires = "faults")]
+    fault_log: Option<PathBuf>,
+}
+
+/// A schedule, and where it is written what it did.
+pub struct Injection {
+    faults: Faults,
+    log: Option<LiveOutput>,
+}
+
+impl FaultArgs {
+    /// Whether there is a schedule.
+    pub fn is_given(&self) -> bool {
+        self.faults.is_some()
+    }
+
+    /// The faults of a sensor's frames; an existing log is replaced only with `force`.
+    pub fn open(&self, sensor: &SimulatedSensor, force: bool) -> Result<Option<Injection>> {
+        let Some(path) = &self.faults else { return Ok(None) };
+        let faults = Faults::load(path, sensor.config.height)?;
+        let log = self.fault_log.as_ref().map(|path| LiveOutput::create(path, force));
+        Ok(Some(Injection { faults, log: log.transpose()? }))
+    }
+}
+
+impl Injection {
+    fn apply(&mut self, frame: u32, taken: &mut RigFrame, sensor: &SimulatedSensor) -> Result<()> {
+        let shape = (sensor.config.width as usize, sensor.config.bits.into());
+        let faults = self.faults.apply(frame, taken, shape)?;
+        let Some(log) = &mut self.log else { return Ok(()) };
+        log.push(format!("{}\n", json!({ "frame": frame, "faults": faults })).as_bytes())
+    }
+}
 
 /// The light of the frames, and what of it a rig has been given.
 pub struct RigFrames<'a> {
@@ -30,6 +76,7 @@ pub struct RigFrames<'a> {
     mirror: Option<Mirror>,
     /// The exposure that such light was made for, s.
     made_for_s: Option<f32>,
+    injection: Option<Injection>,
 }
 
 fn feed<'a>(cube: &'a IrradianceCube, sensor: &'a SimulatedSensor, collapse: bool) -> Feed<'a> {
@@ -63,7 +110,14 @@ impl<'a> RigFrames<'a> {
             previous_exposure_s: None,
             mirror: None,
             made_for_s: None,
+            injection: None,
         }
+    }
+
+    /// The same with faults.
+    #[must_use]
+    pub fn with_faults(self, injection: Option<Injection>) -> Self {
+        Self { injection, ..self }
     }
 
     /// Gives the rig the sensor of the first frame.
@@ -126,11 +180,14 @@ impl<'a> RigFrames<'a> {
         request.collapse = self.collapse;
         request.lit_before = self.previous_exposure_s.is_some() && self.still;
         request.settings.previous_exposure_s = self.previous_exposure_s;
-        let taken = match &self.changed {
+        let mut taken = match &self.changed {
             Some(cube) => rig.frame_from(&mut feed(cube, sensor, self.collapse), sensor, &request),
             None => rig.frame_from(&mut self.feeds[at], sensor, &request),
         }?;
         self.previous_exposure_s = Some(taken.start.exposure.exposure_s);
+        if let Some(injection) = &mut self.injection {
+            injection.apply(frame, &mut taken, sensor)?;
+        }
         Ok(taken)
     }
 

@@ -5,7 +5,7 @@ use super::arguments::{
 };
 use super::listen;
 use super::notes::Notes;
-use super::rig_frames::RigFrames;
+use super::rig_frames::{FaultArgs, RigFrames};
 use super::scene_lights::SceneLights;
 use super::times::{self, TimeArgs};
 use super::view_args::{self, SequenceArgs, ViewArgs};
@@ -43,6 +43,7 @@ pub struct Args {
     /// Exposure time at the start
     #[arg(
         long,
+        requires = "gige",
         value_parser = duration,
         allow_hyphen_values = true,
         value_name = "TIME",
@@ -56,11 +57,13 @@ pub struct Args {
     #[arg(long, requires = "gige", value_parser = frames_per_s, value_name = "F")]
     fps: Option<f64>,
     /// Arithmetic of the sensor stage
-    #[arg(long, value_parser = arithmetic(), default_value_t)]
+    #[arg(long, requires = "gige", value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
     /// Expose mean electrons instead of spectral bands: many times faster, 2⁻¹⁷ more rounding
     #[arg(long, requires = "gige")]
     collapse: bool,
+    #[command(flatten)]
+    faults: FaultArgs,
 }
 
 /// Camera and scene.
@@ -139,13 +142,13 @@ impl FromArgMatches for OptionalScene {
 }
 
 impl Args {
-    /// Refuses a camera and a scene for a rig that has its camera from its host.
-    pub fn refuse_scene(&self) -> Result<()> {
-        match self.view.0 {
-            None => Ok(()),
-            Some(_) => Err(Error::input("a rig with a camera and a scene of its own")
-                .help("hosts bring both; --gige is for applications that bring none")),
+    /// Refuses a camera, a scene and faults for a rig that has them from its host.
+    pub fn refuse(&self) -> Result<()> {
+        if self.view.0.is_none() && !self.time.is_given() && !self.faults.is_given() {
+            return Ok(());
         }
+        Err(Error::input("camera, scene, lamps or faults of a rig")
+            .help("hosts bring these; --gige is for applications that do not"))
     }
 }
 
@@ -191,7 +194,8 @@ pub fn serve(
     let mut rig = Rig::open("emulator:")?;
     let sensor = sensor(&mut rig, args, &camera, pattern, *server.address().ip(), fps)?;
     let bound_to_rate = changes && camera.sensor.timing.is_none();
-    let frames = RigFrames::new(&cubes, &sensors, Some(&mut lights), args.collapse);
+    let frames = RigFrames::new(&cubes, &sensors, Some(&mut lights), args.collapse)
+        .with_faults(args.faults.open(&sensors[0], false)?);
     frames.begin(&mut rig)?;
     let mut source = Source {
         camera: &camera,

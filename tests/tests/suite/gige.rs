@@ -336,6 +336,49 @@ fn a_software_trigger_gives_one_frame_and_faults_act_on_it() {
     assert_eq!(client.image().unwrap().block, 3);
 }
 
+/// Frames of the schedule are what its log says, in the stream as in `rig stream`.
+#[test]
+fn faults_by_schedule_are_in_the_stream_and_in_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = "1: drop\n2: row 3 corrupt\n3-4: freeze\n";
+    std::fs::write(folder.path().join("faults.txt"), table).unwrap();
+    let faults = "--faults faults.txt --fault-log served.jsonl";
+    let options = format!("--scene colorchecker --exposure 5ms --fps 20 {faults}");
+    let server = serve(folder.path(), &options);
+    light(folder.path());
+    let mut client = Client::new(&server);
+    client.take_control();
+    client.set_feature("AcquisitionStart", 1);
+    let entry = client.xml.split("EnumEntry Name=\"").nth(1).unwrap();
+    let format = entry.split('"').next().unwrap().to_string();
+    let expected = exposed(folder.path(), &format, "--exposure 5ms", 6);
+    let row_bytes = SIZE.0 as usize * 2;
+    for frame in [0, 2, 3, 4, 5] {
+        let Image { block, bytes } = client.image().unwrap();
+        assert_eq!(block, frame as u64 + 1);
+        let wrong = |bytes: &[u8], of: &[u8]| {
+            let rows = bytes.chunks(row_bytes).zip(of.chunks(row_bytes)).enumerate();
+            rows.filter(|(_, (a, b))| a != b).map(|(row, _)| row).collect::<Vec<_>>()
+        };
+        match frame {
+            0 | 5 => assert_eq!(wrong(&bytes, &expected[frame]), []),
+            _ => assert_eq!(wrong(&bytes, &expected[2]), [3], "frame {frame}"),
+        }
+    }
+    drop(server);
+    let log = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let lines = log("served.jsonl");
+    let lines: Vec<&str> = lines.lines().take(6).collect();
+    let said = ["[]", "[\"drop\"]", "[\"row 3 corrupt\"]", "[\"freeze\"]", "[\"freeze\"]", "[]"];
+    for (frame, (line, said)) in lines.iter().zip(said).enumerate() {
+        assert_eq!(*line, format!("{{\"faults\":{said},\"frame\":{frame}}}"));
+    }
+    let arguments = "rig stream emulator: --camera c.toml --irradiance a.irr --exposure 5ms \
+                     --frames 6 --faults faults.txt --fault-log streamed.jsonl -o x.csi2";
+    camrig_ok(folder.path(), arguments);
+    assert_eq!(log("streamed.jsonl").lines().collect::<Vec<_>>(), lines);
+}
+
 #[test]
 fn what_is_no_camera_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -10,7 +10,7 @@ use super::arguments::{
 };
 use super::live;
 use super::readout::ReadoutArgs;
-use super::rig_frames::RigFrames;
+use super::rig_frames::{FaultArgs, RigFrames};
 use super::scene_lights::SceneLights;
 use super::times::{self, TimeArgs};
 use super::view_args::{self, SequenceArgs};
@@ -37,6 +37,8 @@ use std::process::ExitCode;
     camrig rig stream serial:///dev/ttyACM0 --camera mt9v024 --scene dots --exposure 5ms \\\n    \
         --fps 2 -o out.csi2\n  \
     camrig rig stream emulator: --camera mt9v024 --scene ramp --script loop.toml --json\n  \
+    camrig rig stream emulator: --camera mt9v024 --scene dots --exposure 5ms --frames 20 \\\n    \
+        --faults faults.txt --fault-log faults.jsonl -o out.csi2\n  \
     camrig rig stream emulator: --camera mt9v024 --set sensor.timing.line_time_us=20 \\\n    \
         --scene ramp --lamp mains:hz=100,depth=0.3 --script loop.toml -o flicker.csi2\n  \
     camrig rig stream emulator: --camera mt9v024 --scene dots --motion 2,0 --exposure 5ms \\\n    \
@@ -152,8 +154,10 @@ pub struct Args {
     to: Option<String>,
     /// Do not return the raw rows: the rig sends them out through its own raw output (DVP, CSI,
     /// FPGA), and the link carries a receipt for each
-    #[arg(long, conflicts_with_all = ["output", "roi", "binning"])]
+    #[arg(long, conflicts_with_all = ["output", "roi", "binning", "faults"])]
     rows_stay: bool,
+    #[command(flatten)]
+    faults: FaultArgs,
     /// Replace existing output
     #[arg(long)]
     force: bool,
@@ -330,7 +334,9 @@ impl Stream<'_> {
     ) -> Result<()> {
         let args = self.args;
         let by_registers = args.by_registers || script.is_some();
-        let mut frames = RigFrames::new(self.cubes, self.sensors, scene, args.collapse);
+        let injection = args.faults.open(&self.sensors[0], args.force)?;
+        let mut frames =
+            RigFrames::new(self.cubes, self.sensors, scene, args.collapse).with_faults(injection);
         let bar = arguments::frames_bar(self.count);
         frames.begin(rig)?;
         taken.pace.start();

@@ -21,6 +21,7 @@
 //! * [`client`]: a [`client::Rig`] takes a camera and frames, and repairs and resumes;
 //! * [`stage`]: frames from a rig or from this process;
 //! * [`feed`]: a cube's rows as they go over the link;
+//! * [`faults`]: frames that are lost, late or wrong by a schedule;
 //! * [`script`]: register writes of a control loop, frame by frame;
 //! * [`serve`]: the emulator as a server, its rows in parallel; `log` (a feature): the log of a
 //!   firmware in words.
@@ -28,6 +29,7 @@
 
 pub mod client;
 pub mod emulator;
+pub mod faults;
 pub mod feed;
 mod held;
 #[cfg(feature = "hid")]
@@ -51,6 +53,7 @@ pub mod transport;
 mod url;
 
 pub use client::{FrameRequest, Rig, RigFrame};
+pub use faults::Faults;
 pub use list::{Found, USB_ID, list};
 pub use mirror::Mirror;
 pub use stage::SensorStage;
