@@ -26,6 +26,7 @@ use camrig_rig_link::registers::address;
 use clap::error::ErrorKind;
 use clap::{ArgMatches, Command, FromArgMatches};
 use std::net::{Ipv4Addr, SocketAddrV4};
+use std::time::{Duration, Instant};
 
 /// Frame rate without one asked for or in the camera file, frames/s.
 const USUAL_FPS: f64 = 30.0;
@@ -205,6 +206,8 @@ pub fn serve(
         written: None,
         is_stuck: false,
         frame_lines: bound_to_rate.then_some(sensor.timing.frame_lines),
+        line_ns: sensor.line_ns,
+        slow: Some(0),
     };
     if !server.is_found_by_broadcast() {
         eprintln!(
@@ -299,6 +302,10 @@ struct Source<'a> {
     is_stuck: bool,
     /// Frame length that a changing scene keeps time with, until that was reported.
     frame_lines: Option<u16>,
+    /// Line time, ns.
+    line_ns: u32,
+    /// Frames one after another that took longer than their period; `None` once that was reported.
+    slow: Option<u32>,
 }
 
 impl Source<'_> {
@@ -339,6 +346,25 @@ impl Source<'_> {
         Ok(())
     }
 
+    /// Says that the frame rate cannot be kept, once some frames have taken longer than it allows.
+    fn tell_slow(&mut self, order: &Order, took: Duration) {
+        /// More than a hiccup of the machine.
+        const SLOW_FRAMES: u32 = 10;
+        let Some(slow) = &mut self.slow else { return };
+        let period_ns = u64::from(order.timing.frame_lines) * u64::from(self.line_ns);
+        let is_slow = !order.after_standby && took > Duration::from_nanos(period_ns);
+        *slow = if is_slow { *slow + 1 } else { 0 };
+        if *slow == SLOW_FRAMES {
+            self.slow = None;
+            eprintln!(
+                "note: frames take {} ms, and their period is {} ms: the frame rate is not kept \
+                 (--collapse and --path live are faster)",
+                took.as_millis(),
+                period_ns / 1_000_000
+            );
+        }
+    }
+
     /// Pixels of the part of a frame that is sent.
     fn encode(&self, order: &Order, frame: &camrig_rig::RigFrame) -> Result<Vec<u8>> {
         let gige::Region { x, y, width, height } = order.region;
@@ -357,6 +383,7 @@ impl gige::Camera for Source<'_> {
     type Error = Error;
 
     fn take(&mut self, order: &Order) -> Result<Taken> {
+        let began = Instant::now();
         self.write(order)?;
         if !self.frames.light(&mut self.rig, order.frame, None)? {
             return Ok(Taken::End);
@@ -368,10 +395,12 @@ impl gige::Camera for Source<'_> {
         };
         let frame = self.frames.take(&mut self.rig, order.frame, request)?;
         let counter = frame.start.counter;
-        Ok(match frame.dropped {
+        let taken = match frame.dropped {
             true => Taken::Dropped(counter),
             false => Taken::Image(self.encode(order, &frame)?, counter),
-        })
+        };
+        self.tell_slow(order, began.elapsed());
+        Ok(taken)
     }
 }
 

@@ -154,9 +154,9 @@ impl Feature<'_> {
                     Max::Rest { all, of } => {
                         let _ = writeln!(
                             out,
-                            "<IntSwissKnife Name=\"{name}Limit\"><pVariable Name=\"OTHER\">{of}Register\
-                             </pVariable><Formula>({all} - OTHER) / {step} * {step}</Formula>\
-                             </IntSwissKnife>"
+                            "<IntSwissKnife Name=\"{name}Limit\"><pVariable Name=\"OTHER\">\
+                             {of}Register</pVariable><Formula>({all} - OTHER) / {step} * {step}\
+                             </Formula></IntSwissKnife>"
                         );
                         format!("<pMax>{name}Limit</pMax>")
                     }
@@ -170,9 +170,8 @@ impl Feature<'_> {
             }
             Kind::Float { min, max, unit } => {
                 (register.0, register.1, register.2) = ("FloatReg", 8, "");
-                format!(
-                    "<Float {head}{value}<Min>{min}</Min><Max>{max}</Max><Unit>{unit}</Unit></Float>"
-                )
+                let range = format!("<Min>{min}</Min><Max>{max}</Max>");
+                format!("<Float {head}{value}{range}<Unit>{unit}</Unit></Float>")
             }
             Kind::Names(names) => {
                 let entries: String = (names.iter())

@@ -6,7 +6,7 @@
 
 /// UDP port of a device.
 pub const PORT: u16 = 3956;
-/// Most bytes of a payload: a datagram of GVCP has at most 576 bytes with the headers of IP and UDP.
+/// Most bytes of a payload: a datagram has at most 576 bytes with the headers of IP and UDP.
 pub const MAX_PAYLOAD: usize = 540;
 const KEY: u8 = 0x42;
 const HEADER_BYTES: usize = 8;

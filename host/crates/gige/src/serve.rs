@@ -2,6 +2,7 @@
 
 use crate::camera::{Camera, Sensor, Taken};
 use crate::device::{Counts, Device, Next};
+use crate::gvcp::{Command, Request};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -84,10 +85,11 @@ impl Server {
             began: Instant::now(),
             ends: AtomicBool::new(false),
         };
+        let shared = &shared;
         std::thread::scope(|scope| {
             scope.spawn(|| shared.obey(&self.control, &self.control));
             if let Some(broadcast) = &self.broadcast {
-                scope.spawn(|| shared.obey(broadcast, &self.control));
+                scope.spawn(move || shared.obey(broadcast, &self.control));
             }
             scope.spawn(|| shared.send(&self.stream));
             let outcome = shared.expose(camera, stops);
@@ -119,14 +121,21 @@ impl Shared {
         drop(self.changed.wait_timeout(device, wait));
     }
 
-    /// Answers what arrives at a socket.
+    /// Answers what arrives at a socket. What is sent to everybody comes from other machines, too,
+    /// and may only ask who is there.
     fn obey(&self, socket: &UdpSocket, answers: &UdpSocket) {
+        let is_for_all = !std::ptr::eq(socket, answers);
         let mut datagram = [0; MAX_DATAGRAM];
         while !self.has_ended() {
             let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut datagram) else {
                 continue;
             };
-            let answer = self.device().receive(self.now(), from, &datagram[..length]);
+            let datagram = &datagram[..length];
+            let asks = |request: Request<'_>| request.command == Command::Discovery;
+            if is_for_all && !Request::parse(datagram).is_some_and(asks) {
+                continue;
+            }
+            let answer = self.device().receive(self.now(), from, datagram);
             self.changed.notify_all();
             if let Some(answer) = answer {
                 // An application that cannot be reached asks again.

@@ -20,6 +20,7 @@ use std::path::Path;
 use std::time::Duration;
 
 /// What a schedule may say, for messages.
+const FRAMES: &str = "17, 100-130 or every 50 from 200";
 const KNOWN: &str = "drop; freeze; repeat; black; white; row N corrupt; row N lost; rows A-B lost; \
                      bit errors RATE; stuck counter; late N ms";
 
@@ -103,9 +104,8 @@ impl Faults {
             let (when_text, what_text) = entry.split_once(':').unwrap_or((entry, ""));
             let found = when(when_text).zip(what(what_text));
             let (when, what) = found.ok_or_else(|| {
-                Error::input(format!("{entry:?} is no entry of a schedule of faults")).help(
-                    format!("write FRAMES: FAULT, FRAMES as 17, 100-130 or every 50 from 200, FAULT as {KNOWN}"),
-                )
+                Error::input(format!("{entry:?} is no entry of a schedule of faults"))
+                    .help(format!("write FRAMES: FAULT; FRAMES are {FRAMES}; FAULT is {KNOWN}"))
             })?;
             let last_row = match &what {
                 What::CorruptRow(row) => *row,
@@ -334,8 +334,9 @@ mod tests {
 
     #[test]
     fn every_fault_does_to_its_frames_what_it_says() {
-        let text = "# a table\n0: freeze\nframe 2: drop\n4-5: freeze; 6: repeat\n7: black\n8: white\n\
-                    9: row 1 corrupt; 9: rows 2-3 lost\nevery 10 from 20: stuck counter\n40: late 1 ms";
+        let text = "# a table\n0: freeze\nframe 2: drop\n4-5: freeze; 6: repeat\n7: black\n\
+                    8: white\n9: row 1 corrupt; 9: rows 2-3 lost\n\
+                    every 10 from 20: stuck counter\n40: late 1 ms";
         let mut faults = Faults::parse(text, 4).unwrap();
         let mut at = |number| taken(&mut faults, number);
         let whole =
