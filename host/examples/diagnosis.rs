@@ -12,7 +12,9 @@ fn main() -> Result<()> {
 
     // The sensor as built: the model, and row noise of 6 e⁻ that is new in every frame.
     let mut built = model.clone();
-    built.effects.push(RowTemporalNoise { sigma_e: 6.0, gain_exponent: 0.0 }.into());
+    built
+        .effects
+        .push(RowTemporalNoise { sigma_e: 6.0, gain_exponent: 0.0, opposite_e: 0.0 }.into());
     let folder = tempfile::tempdir().map_err(|e| Error::io("make", "a folder".as_ref(), e))?;
     let captures = folder.path().join("captures");
     take::take(&built, &plan::load("ptc")?, &captures, &take::TakeOptions::default(), || ())?;

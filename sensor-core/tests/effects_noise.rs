@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 const ROUNDING: f64 = 1.0 / 12.0 / (DN_PER_E * DN_PER_E);
 
 in_both_arithmetics! {
-    noise_follows_a_power_of_the_gain column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
+    noise_follows_a_power_of_the_gain row_noise_of_opposite_sign column_temporal_noise row_correlated_noise periodic_pattern_noise read_noise_spread
     random_telegraph_noise dark_current_telegraph_noise telegraph_noise_of_two_samples
     heavy_tailed_read_noise reset_noise frame_offset_noise flicker_banding
     what_lags_is_charge_that_was_held crosstalk_of_the_frame_before_lags
@@ -34,6 +34,30 @@ fn at(frame: u32) -> FrameSettings {
 /// Mean of independent estimates and its standard error.
 fn estimate(values: &[f64]) -> (f64, f64) {
     (mean(values), (variance(values) / values.len() as f64).sqrt())
+}
+
+/// The mean of even and odd columns has one part, half their difference the other; rounding of each
+/// adds half of its variance to both.
+fn row_noise_of_opposite_sign<A: Arith>() {
+    let noise = row_temporal_noise::RowTemporalNoise {
+        sigma_e: 30.0,
+        gain_exponent: 0.0,
+        opposite_e: 20.0,
+    }
+    .into();
+    let config = monochrome(4, 4096, &[noise]);
+    let frame = |f: u32| flat::<A>(&config, &at(f), 4000.0);
+    let part = |frame: &[f64], sign: f64| -> Vec<f64> {
+        frame.chunks(4).map(|row| 0.5 * (row[0] + sign * row[1])).collect()
+    };
+    let (a, b) = (frame(0), frame(1));
+    assert!(a.chunks(4).all(|row| row[0] == row[2] && row[1] == row[3]), "two offsets per row");
+    let (common, opposite) = (part(&a, 1.0), part(&a, -1.0));
+    near_variance("common", variance(&common), 900.0 + 0.5 * ROUNDING, 4096, 0.0);
+    near_variance("opposite", variance(&opposite), 400.0 + 0.5 * ROUNDING, 4096, 0.0);
+    let chance = 4096f64.powf(-0.5);
+    near("parts are independent", correlation(&common, &opposite), 0.0, chance);
+    near("frames are independent", correlation(&opposite, &part(&b, -1.0)), 0.0, chance);
 }
 
 fn column_temporal_noise<A: Arith>() {
@@ -64,7 +88,8 @@ fn noise_follows_a_power_of_the_gain<A: Arith>() {
         let of = |amplitude_e: f32, p: f32| {
             let mut values: Vec<f32> =
                 entry.parameters.iter().map(|p| p.default.unwrap_or(0.1)).collect();
-            (values[0], values[entry.parameters.len() - 1]) = (amplitude_e, p);
+            let exponent = entry.parameters.iter().position(|p| p.key == "gain_exponent");
+            (values[0], values[exponent.unwrap()]) = (amplitude_e, p);
             let effect = Effect::new(entry.id, &values).unwrap();
             flat::<A>(&monochrome(64, 32, &[effect]), &SETTINGS.with_gain(4.0), 0.0)
         };

@@ -145,7 +145,7 @@ fn row_offset_fpn<A: Arith>() {
 
 /// New in every frame, beside what stays.
 fn row_temporal_noise<A: Arith>() {
-    let temporal = RowTemporalNoise { sigma_e: 5.0, gain_exponent: 0.0 };
+    let temporal = RowTemporalNoise { sigma_e: 5.0, gain_exponent: 0.0, opposite_e: 0.0 };
     check_rows::<A>(&[temporal.into()], [0.0, 25.0]);
     check_rows::<A>(&[RowOffsetFpn::from_values(&[12.0]).into(), temporal.into()], [144.0, 25.0]);
 }

@@ -214,7 +214,7 @@ pub struct FrameOffsets {
     /// Normal deviate of their variance over that of the pixels and rows alone.
     pub deviation: f64,
     /// Their standard deviation beyond that, DN.
-    pub sd_dn: f64,
+    pub sd: Value,
     /// How they wander, DN, where they have a memory from frame to frame.
     pub drift: Option<Drift>,
 }
@@ -223,7 +223,7 @@ impl FrameOffsets {
     /// Of the frames that are not torn; none where no stack has two of them.
     pub(crate) fn of(darks: &[Dark<'_>], bias: &Bias, gain: f64) -> Option<Self> {
         let (width, height) = darks.first()?.stack.size();
-        let (mut dof, mut ratio, mut beyond) = (0.0, 0.0, 0.0);
+        let (mut dof, mut ratio, mut squares, mut beyond) = (0.0, 0.0, 0.0, 0.0);
         let mut stacks = Vec::new();
         for Dark { stack, torn, map, .. } in darks {
             let whole = |i: &usize| !torn.iter().any(|t| t.stack == stack.id && t.frame == *i);
@@ -255,14 +255,17 @@ impl FrameOffsets {
             let own = frames.len() as f64 - 1.0;
             dof += own;
             ratio += own * offsets / expected;
+            squares += own * offsets;
             beyond += own * (offsets - expected);
             stacks.push(Levels { means: levels, white: expected });
         }
         let drift = likeliest(&stacks).filter(|d| d.memory > MIN_MEMORY);
-        (dof > 0.0).then(|| Self {
-            deviation: chi_square(ratio / dof, dof),
-            sd_dn: drift.map_or((beyond / dof).max(0.0).sqrt(), |d| d.sd.value),
-            drift,
+        (dof > 0.0).then(|| {
+            // They scatter too: the error of a variance of so many degrees of freedom.
+            let error = squares / dof * (2.0 / dof).sqrt();
+            let none = Value::new(0.0, error.sqrt());
+            let sd = Value::new(beyond / dof, error).sqrt().unwrap_or(none);
+            Self { deviation: chi_square(ratio / dof, dof), sd: drift.map_or(sd, |d| d.sd), drift }
         })
     }
 }

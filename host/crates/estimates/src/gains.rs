@@ -34,6 +34,8 @@ pub struct BehindGain {
     pub row_pattern: Parts,
     /// Of the pattern of single pixels.
     pub pixel_pattern: Parts,
+    /// Whether offsets of frames are likelier all behind the gain than all before it.
+    pub frames_are_behind: bool,
 }
 
 impl BehindGain {
@@ -53,8 +55,27 @@ impl BehindGain {
             column_pattern: parts(&|b| at_least(b.pattern.columns, b.pattern.line_nulls[0]))?,
             row_pattern: parts(&|b| at_least(b.pattern.rows, b.pattern.line_nulls[1]))?,
             pixel_pattern: parts(&|b| b.pattern.pixels)?,
+            frames_are_behind: frame_deviance(biases, 0) < frame_deviance(biases, 2),
         })
     }
+}
+
+/// −2 ln of the likelihood of offsets of frames whose variance grows by this power of the gain: s is
+/// that of n frame means, p that of the law and of what is white, Σ (n − 1) (ln p + s/p). A few
+/// frames tell little of a variance, but σ² G² differs much from σ².
+fn frame_deviance(biases: &[(f64, Bias)], power: i32) -> f64 {
+    let dof = |b: &Bias| b.frames() as f64 - 1.0;
+    let (sum, weight) = biases.iter().fold((0.0, 0.0), |(sum, weight), (gain, b)| {
+        (sum + dof(b) * b.frame_variance.value / gain.powi(power), weight + dof(b))
+    });
+    let law = (sum / weight).max(0.0);
+    let of_bias = |(gain, b): &(f64, Bias)| {
+        // Its error is that of the whole variance.
+        let seen = b.frame_variance.std_error * (0.5 * dof(b)).sqrt();
+        let p = (seen - b.frame_variance.value).max(0.0) + law * gain.powi(power);
+        if p > 0.0 { dof(b) * (libm::log(p) + seen / p) } else { 0.0 }
+    };
+    biases.iter().map(of_bias).sum()
 }
 
 impl Parts {

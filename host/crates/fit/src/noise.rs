@@ -96,7 +96,7 @@ impl Noise {
             |part: &Part| part.sigma.filter(|s| part.deviation > MIN_DEVIATION && s.value > least);
         let frame = |g: &AtGain| {
             let Some(offsets) = g.found.frame_offsets else { return (Value::new(0.0, 1.0), 1.0) };
-            let variance = offsets.sd_dn * offsets.sd_dn;
+            let variance = offsets.sd.value * offsets.sd.value;
             let null = variance / offsets.deviation.max(1e-9);
             (Value::new(variance, null), null)
         };
@@ -255,7 +255,7 @@ fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
         let (width, height) = g.found.size();
         // The level of a frame is that of all its pixels and rows, which move together.
         let of_rows = g.found.bias.row_variance.value.max(0.0) / height as f64;
-        let of_frames = g.found.frame_offsets.map_or(0.0, |o| o.sd_dn * o.sd_dn);
+        let of_frames = g.found.frame_offsets.map_or(0.0, |o| o.sd.value * o.sd.value);
         let of_levels = found.errors_of_levels(0.0)[0] * (of_rows + of_frames).sqrt();
         let own = found.ordinary;
         let ordinary = Value::new(own.value.max(0.0), libm::hypot(own.std_error, of_levels));

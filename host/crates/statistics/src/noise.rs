@@ -160,12 +160,8 @@ fn of_frame_means(t: &Temporal, v: f64, out: &mut Collected) {
     let n = (t.width * t.height) as f64;
     let frames = t.frames as f64;
     let df = frames - 1.0;
-    out.add(
-        What::FrameVariance,
-        frame_variance(t) * n / v,
-        (2.0 / (9.0 * df)).sqrt(),
-        Scale::CubeRoot,
-    );
+    let ratio = frame_variance(t) * n / v;
+    out.add(What::FrameVariance, ratio, cube_root_sd(ratio, df), Scale::CubeRoot);
     if t.frames >= MIN_FRAMES_FOR_TREND {
         // In standard deviations of the frame means themselves.
         let m = t.frame_means.iter().sum::<f64>() / frames;

@@ -33,10 +33,12 @@ pub(super) fn statistics(map: &Map, out: &mut Collected) {
         }
         let blocks = n / (BLOCK * BLOCK) as f64;
         let cosines = ((HALF_WAVES + 1) * (HALF_WAVES + 1)) as f64;
-        let fine = (blocks - cosines).max(1.0);
         out.add(What::MapBlocks, s.blocks, cube_root_sd(s.blocks, blocks), Scale::CubeRoot);
-        let sd = cube_root_sd(s.fine_blocks, fine);
-        out.add(What::FineBlocks, s.fine_blocks, sd, Scale::CubeRoot);
+        // Of fewer blocks the cosines leave nothing.
+        if blocks > cosines {
+            let sd = cube_root_sd(s.fine_blocks, blocks - cosines);
+            out.add(What::FineBlocks, s.fine_blocks, sd, Scale::CubeRoot);
+        }
         let share = CORNER_SHARE as f64;
         for (i, c) in s.corners.iter().enumerate() {
             let var = v * (share * share) / n

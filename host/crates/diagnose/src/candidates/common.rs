@@ -78,6 +78,24 @@ impl Added {
         of("sigma_e").filter(|_| own).unwrap_or(0.0)
     }
 
+    /// σ² from a variance that is the same in every stack, in the squares of the effect's
+    /// electrons: what the stacks have more than the model, and what the model has by whichever
+    /// law. `what` is a ratio to the variance of the mean of `across` pixels.
+    pub(super) fn variance(self, e: &Evidence<'_>, what: What, across: f64) -> Option<Value> {
+        let stacks = e.design.conditions.iter().enumerate();
+        Value::combine(stacks.filter_map(|(i, c)| {
+            let more = e.component(i, what, across)?;
+            let all = more.value + present_dn(e, self.kind, c).powi(2);
+            Some(Value::new(all, more.std_error).scaled(self.unit(e, c).powi(-2)))
+        }))
+    }
+
+    /// Distance of such a variance from what the model has by this law, standard errors.
+    pub(super) fn strength(self, e: &Evidence<'_>, variance: Value) -> f64 {
+        let more = variance.value - self.present(e).powi(2);
+        (more / variance.std_error).abs()
+    }
+
     /// Its proposal.
     pub(super) fn proposal(
         self,

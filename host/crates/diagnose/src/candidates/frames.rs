@@ -2,7 +2,7 @@
 //!
 //! Both come from the variance V of frame means, DN², and the model's prediction of it, V':
 //!
-//!   offset: σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻², over all stacks;
+//!   offset: σ² = ⟨(σ₀² + V − V')/K²⟩, e⁻², over all stacks;
 //!   light:  σ² = σ₀² + ⟨(V − V')/s²⟩, without unit, over the flats,
 //!
 //! with K the system gain (DN/e⁻), of an offset behind the analogue gain that of the gain 1, s the
@@ -12,7 +12,6 @@
 
 use super::common::{Added, present, present_dn};
 use super::proposal::{Proposal, deviation};
-use super::rows::common_excess;
 use crate::evidence::Evidence;
 use crate::statistics::statistic::{Place, What};
 use crate::statistics::temporal::mean;
@@ -31,16 +30,14 @@ fn present_flicker(e: &Evidence<'_>) -> f64 {
 pub fn frame_offset(e: &Evidence<'_>) -> Vec<Proposal> {
     Added::each("frame-offset-noise", e, |added| {
         let (w, h) = e.size();
-        let excess = common_excess(e, What::FrameVariance, w * h, added)?;
-        let s = deviation(added.present(e), excess)?;
-        let drift = likeliest(&levels(e, added))?;
+        let variance = added.variance(e, What::FrameVariance, w * h)?;
+        let drift = likeliest(&levels(e, added)).filter(|_| variance.value > 0.0)?;
         let stacks = 0..e.stacks.len();
         let frames = stacks.map(|i| (Place::Stack(i), What::FrameVariance));
-        let strength = e.stands_out(frames).abs().max(excess.z().abs());
-        let sigma = Value { value: drift.sd.value, ..s };
+        let strength = e.stands_out(frames).abs().max(added.strength(e, variance));
         // The effect reaches as far as its own limit.
         let correlation = Value::chosen(drift.correlation.value.min(MAX_CORRELATION));
-        added.proposal(strength, vec![("sigma_e", sigma), ("correlation", correlation)])
+        added.proposal(strength, vec![("sigma_e", drift.sd), ("correlation", correlation)])
     })
 }
 

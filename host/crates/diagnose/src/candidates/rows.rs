@@ -4,16 +4,16 @@
 //! White noise of lines comes from the variance V of row (column) means over frames, DN², and
 //! what the model predicts of it, V', in every stack:
 //!
-//!   σ² = σ₀² + ⟨(V − V')/K²⟩, e⁻²,
+//!   σ² = ⟨(σ₀² + V − V')/K²⟩, e⁻²,
 //!
 //! with K the system gain (DN/e⁻), of noise behind the analogue gain that of the gain 1, ⟨ ⟩ the
-//! inverse-variance mean over stacks and σ₀ what the model has already. V is kept as its ratio to
+//! inverse-variance mean over stacks and σ₀ what the model has already, DN, by whichever law. V is kept as its ratio to
 //! the variance of a mean of white noise ([`What::RowVariance`], [`What::ColumnVariance`]). The law
 //! of correlated rows, power in proportion to f^−a, is the likeliest one of the periodograms of the
 //! row means (Whittle 1953); σ in e⁻, a without unit.
 
-use super::common::{Added, LN_SIGMA_REACH, present_dn};
-use super::proposal::{Proposal, deviation};
+use super::common::{Added, LN_SIGMA_REACH, present, present_dn};
+use super::proposal::Proposal;
 use crate::evidence::Evidence;
 use crate::model::effects::current;
 use crate::numerics::minimise::lowest;
@@ -29,26 +29,15 @@ const EXPONENTS: [f64; 2] = [0.05, 2.0];
 /// two decades of a frame's frequencies its power changes by less than a factor of 2.5.
 const WHITE_BELOW: f64 = 0.2;
 
-/// Excess, over the model, of a variance that is the same in every stack, in the squares of an
-/// effect's electrons. `what` is a ratio to the variance of the mean of `across` pixels.
-pub(super) fn common_excess(
-    e: &Evidence<'_>,
-    what: What,
-    across: f64,
-    added: Added,
-) -> Option<Value> {
-    let stacks = e.design.conditions.iter().enumerate();
-    Value::combine(stacks.filter_map(|(i, c)| {
-        Some(e.component(i, what, across)?.scaled(1.0 / added.unit(e, c).powi(2)))
-    }))
-}
-
 /// White noise of lines of a kind, from the variance of their means of `across` pixels.
 fn white(e: &Evidence<'_>, kind: &'static str, what: What, across: f64) -> Vec<Proposal> {
     Added::each(kind, e, |added| {
-        let excess = common_excess(e, what, across, added)?;
-        let sigma = deviation(added.present(e), excess)?;
-        added.proposal(excess.z().abs(), vec![("sigma_e", sigma)])
+        let variance = added.variance(e, what, across)?;
+        let mut law = vec![("sigma_e", variance.sqrt()?)];
+        // What the model has of rows' other part stays.
+        let opposite = present(e.camera, kind, "opposite_e").filter(|o| *o > 0.0);
+        law.extend(opposite.map(|o| ("opposite_e", Value::chosen(o))));
+        added.proposal(added.strength(e, variance), law)
     })
 }
 
@@ -68,9 +57,9 @@ pub fn row_correlated(e: &Evidence<'_>) -> Vec<Proposal> {
 }
 
 fn correlated(e: &Evidence<'_>, added: Added) -> Option<Proposal> {
-    let excess = common_excess(e, What::RowVariance, e.size().0, added)?;
+    let variance = added.variance(e, What::RowVariance, e.size().0)?;
     let present = added.present(e);
-    let s = deviation(present, excess)?;
+    let s = variance.sqrt()?;
     let spectra = spectra(e, added);
     let around = libm::log(s.value);
     let (ln_sigma, exponent) = lowest(
@@ -88,9 +77,9 @@ fn correlated(e: &Evidence<'_>, added: Added) -> Option<Proposal> {
         0.0 => {
             let gain = negative_log_likelihood(&spectra, 0.0, exponent)
                 - negative_log_likelihood(&spectra, sigma * sigma, exponent);
-            (2.0 * gain.max(0.0)).sqrt().max(excess.z().abs())
+            (2.0 * gain.max(0.0)).sqrt().max(added.strength(e, variance))
         }
-        _ => excess.z().abs(),
+        _ => added.strength(e, variance),
     };
     let sigma = Value { value: sigma, ..s };
     added.proposal(strength, vec![("sigma_e", sigma), ("exponent", Value::chosen(exponent))])

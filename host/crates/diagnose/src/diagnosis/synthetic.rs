@@ -63,6 +63,8 @@ struct Hidden {
     memory: f64,
     /// The same of each site, white.
     site_offset_dn: f64,
+    /// Noise of rows of opposite sign in even and odd columns.
+    opposite_e: f64,
     /// What stays behind at each transfer, along rows and down columns.
     inefficiency: [f64; 2],
     truncates: bool,
@@ -138,7 +140,10 @@ impl Sensor {
         let mut frame = Vec::with_capacity(side * side);
         for y in 0..side {
             let row = self.row_noise_e * self.normal();
+            let opposite = self.hidden.opposite_e;
+            let opposite = if opposite > 0.0 { opposite * self.normal() } else { 0.0 };
             for x in 0..side {
+                let row = row + if x % 2 == 0 { opposite } else { -opposite };
                 let e = charges[y * side + x] + READ_E * self.normal() + row;
                 let column = self.hidden.columns_dn.get(x).copied().unwrap_or(0.0);
                 let behind = self.hidden.behind_dn * self.normal() + column;
@@ -356,6 +361,21 @@ fn charge_that_grows_from_row_to_row_is_one_slope_and_no_wave() {
     );
 }
 
+/// Offsets of frames that are the same at every gain are none of the pixels'.
+#[test]
+fn offsets_of_frames_behind_the_gain_are_told_from_those_before_it() {
+    let mut sensor = Sensor::new(64, 11);
+    sensor.hidden.offset_dn = 0.4;
+    let high = |taken: Taken| Taken { analog_gain: 4.0, frames: 24, ..taken };
+    let stacks = [dark(0.01, 24), dark(1.0, 24), flat(1500.0), flat(4000.0)];
+    let diagnosis =
+        found(&mut sensor, &[&stacks[..], &[high(dark(0.01, 24)), high(flat(500.0))]].concat());
+    assert_eq!(diagnosis.report.verdict, Verdict::Explained);
+    is_near(only_step(&diagnosis, "frame-offset-noise", "sigma_e"), 0.4 / GAIN);
+    let exponent = diagnosis.report.steps[0].parameters.get("gain_exponent").map(|p| p.value);
+    assert_eq!(exponent, Some(-1.0));
+}
+
 /// The same frames cropped at five sizes: what a part shows the whole shows too, and neither shows
 /// what is not there.
 #[test]
@@ -421,7 +441,7 @@ fn place(sensor: &mut Sensor) -> usize {
     4 + (sensor.uniform() * (sensor.side - 12) as f64) as usize
 }
 
-const CASES: [Case; 8] = [
+const CASES: [Case; 9] = [
     Case {
         effect: "particle-hits",
         hide: |s| {
@@ -465,6 +485,12 @@ const CASES: [Case; 8] = [
         // They are offsets of the converter's, not of the pixels.
         also: &["gain-stage"],
         check: |e, s| is_right(e, "sigma", s.hidden.site_offset_dn),
+    },
+    Case {
+        effect: "row-noise-of-opposite-sign",
+        hide: |s| s.hidden.opposite_e = 1.0 + s.uniform(),
+        also: &[],
+        check: |e, s| is_right(e, "sigma_e", s.hidden.opposite_e),
     },
     Case {
         effect: "dark-current-by-site",

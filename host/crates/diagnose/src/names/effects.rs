@@ -8,6 +8,7 @@ use camrig_base::{Value, tails};
 use camrig_camera::Camera;
 use camrig_estimates::Estimates;
 use camrig_estimates::areas::Area;
+use camrig_estimates::bias::Bias;
 use camrig_estimates::dark::variance_of_mean;
 use camrig_estimates::flat::Flat;
 use camrig_estimates::gains::Parts;
@@ -109,7 +110,7 @@ impl LevelErrors {
 
     fn of_one(e: &Estimates) -> Self {
         let offsets = e.frame_offsets.filter(|o| o.deviation > MIN_OFFSETS);
-        let sd = offsets.map_or(0.0, |o| o.sd_dn);
+        let sd = offsets.map_or(0.0, |o| o.sd.value);
         let memory = offsets.and_then(|o| o.drift).map_or(0.0, |d| d.correlation.value);
         let of_site = e.bias.frame_site_variance.map_or(0.0, |v| v.value.max(0.0).sqrt());
         // What independent offsets of sites leave in the mean of all.
@@ -222,12 +223,26 @@ fn dn_per_e(data: &Estimates) -> Option<f64> {
     data.gain.map(|g| g.value)
 }
 
+/// Of noise that rows have in common, of the captures and of a model, whose error is at least that
+/// of none.
+fn row_variances(d: &Bias, m: &Bias) -> [Value; 2] {
+    [d.row_variance, at_least(m.row_variance, m.row_variance_null)]
+}
+
+/// The same of opposite sign in even and odd columns.
+fn opposite_row_variances(d: &Bias, m: &Bias) -> [Value; 2] {
+    [d.opposite_row_variance, at_least(m.opposite_row_variance, m.row_variance_null)]
+}
+
+/// A figure whose error is at least so large.
+fn at_least(v: Value, error: f64) -> Value {
+    Value::new(v.value, v.std_error.max(error))
+}
+
 fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
     let (d, m, k) = (&data.bias, &model.bias, dn_per_e(data));
-    let row_null = |v: Value| Value::new(v.value, m.row_variance_null.max(v.std_error));
     // Noise of rows that the model lacks leaves its rest in the mean too.
-    let line_null =
-        |i: usize, v: Value| Value::new(v.value, d.pattern.line_nulls[i].max(v.std_error));
+    let line_null = |i: usize, v: Value| at_least(v, d.pattern.line_nulls[i]);
     let levels = LevelErrors::of(data, model);
     let black = largest(
         d.black_by_site
@@ -251,7 +266,7 @@ fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
         [one] => black.with("level", *one, "DN"),
         several => with_sites(black, several, "DN"),
     };
-    let variance = |effect, d: Value, m: Value, shown_by| {
+    let variance = |effect, [d, m]: [Value; 2], shown_by| {
         Test::new(effect, exceeds(d, m), shown_by).with_root(d, k)
     };
     let mut tests = vec![
@@ -270,38 +285,32 @@ fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
         .with("spread", d.read_noise_spread, "1"),
         variance(
             "row-temporal-noise",
-            d.row_variance,
-            row_null(m.row_variance),
+            row_variances(d, m),
             "row means of even times odd columns of the bias",
         ),
         variance(
             "row-noise-of-opposite-sign",
-            d.opposite_row_variance,
-            row_null(m.opposite_row_variance),
+            opposite_row_variances(d, m),
             "row means of even less odd columns of the bias",
         ),
         variance(
             "column-temporal-noise",
-            d.column_variance,
-            m.column_variance,
+            [d.column_variance, m.column_variance],
             "column means of the bias over time",
         ),
         variance(
             "pixel-offset-fpn",
-            d.pattern.pixels,
-            m.pattern.pixels,
+            [d.pattern.pixels, m.pattern.pixels],
             "even times odd frames of the bias, pixel by pixel",
         ),
         variance(
             "column-offset-fpn",
-            d.pattern.columns,
-            line_null(0, m.pattern.columns),
+            [d.pattern.columns, line_null(0, m.pattern.columns)],
             "even times odd frames of the bias, means of columns",
         ),
         variance(
             "row-offset-fpn",
-            d.pattern.rows,
-            line_null(1, m.pattern.rows),
+            [d.pattern.rows, line_null(1, m.pattern.rows)],
             "even times odd frames of the bias, means of rows",
         ),
     ];
@@ -312,22 +321,20 @@ fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
     tests.push(Test { in_part: true, ..slope });
     if let (Some(d), Some(m)) = (d.frame_site_variance, m.frame_site_variance) {
         let shown_by = "means of the sites of the bias frames over time";
-        tests.push(variance("frame-offset-by-site", d, m, shown_by));
+        tests.push(variance("frame-offset-by-site", [d, m], shown_by));
     }
     if let (Some(d), Some(m)) = (data.frame_offsets, model.frame_offsets) {
-        let z = (d.deviation - m.deviation.max(0.0)) / SQRT_2;
-        let sigma = Value::new(d.sd_dn, d.sd_dn / d.deviation.max(1.0));
-        let white = "means of the dark frames over time";
-        let test = |shown_by, sigma| {
-            Test::new("frame-offset-noise", z, shown_by).with("sigma", sigma, "DN")
-        };
+        // There is no less than none.
+        let z = (d.deviation.max(0.0) - m.deviation.max(0.0)) / SQRT_2;
+        let test =
+            |shown_by| Test::new("frame-offset-noise", z, shown_by).with("sigma", d.sd, "DN");
         tests.push(match d.drift {
-            None => test(white, sigma),
+            None => test("means of the dark frames over time"),
             Some(drift) => {
                 let memory = drift.correlation.value;
                 let ln = -libm::log(memory.max(f64::MIN_POSITIVE));
                 let error = drift.correlation.std_error / (memory * ln * ln);
-                test("means of the dark frames over time, each near the one before", drift.sd)
+                test("means of the dark frames over time, each near the one before")
                     .with("correlation", drift.correlation, "1")
                     .with("time_constant", Value::new(1.0 / ln, error), "frames")
             }
@@ -627,6 +634,15 @@ fn of_groups(
     Some(first)
 }
 
+/// The effect of the catalogue that a test's is a part of.
+pub(super) fn kind(effect: &'static str) -> &'static str {
+    match effect {
+        "row-noise-of-opposite-sign" => "row-temporal-noise",
+        "gain-stage" => "read-noise",
+        _ => effect,
+    }
+}
+
 /// Whether an effect is seen only in part, by as much as the model with it shows.
 pub(super) fn is_seen_in_part(effect: &str) -> bool {
     matches!(effect, "dark-current-telegraph-noise" | "read-noise-spread")
@@ -660,7 +676,7 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
     // The waves that a frame cuts off change its mean too, and so does its offset, as far as that
     // is known.
     let offsets = data.frame_offsets.filter(|o| o.deviation > MIN_OFFSETS);
-    let offsets = offsets.map_or(0.0, |o| (o.sd_dn / level(d)).powi(2));
+    let offsets = offsets.map_or(0.0, |o| (o.sd.value / level(d)).powi(2));
     let other = 2.0 * (by_rows + offsets);
     let lamp = Value::new(lamp.value - other, lamp.std_error + other);
     let shown_by = "means of the frames of the brightest flat over time";
@@ -694,8 +710,9 @@ pub(super) fn proposal(
     camera: &Camera,
     given: Given,
 ) -> Option<Proposal> {
+    let kind = kind(test.effect);
     let present = |key: &str| -> Option<f64> {
-        let effect = current(camera, test.effect)?;
+        let effect = current(camera, kind)?;
         let at = effect.entry().parameters.iter().position(|p| p.key == key)?;
         effect.values().get(at).copied().map(f64::from)
     };
@@ -703,21 +720,22 @@ pub(super) fn proposal(
     let gain = data.gain.map_or(gain_of_model, |g| g.value);
     let strength = test.deviation.abs();
     // σ² = σ₀² + what the captures have more than the model.
-    let sigma = |key: &'static str, d: Value, m: Value, unit: [f64; 2]| {
+    let root = |key: &str, d: Value, m: Value, unit: [f64; 2]| {
         let had = present(key).unwrap_or(0.0);
         let value = had * had + d.value / unit[0].powi(2) - m.value / unit[1].powi(2);
-        let sigma = Value::new(value, d.std_error / unit[0].powi(2)).sqrt()?;
-        Proposal::of(test.effect, strength, [(key, sigma)])
+        Value::new(value, d.std_error / unit[0].powi(2)).sqrt()
     };
-    // The same of noise that may lie behind the gain.
-    let sigma_of_place = |d: Value, m: Value, parts: Option<Parts>| {
-        let law = sigma("sigma_e", d, m, [gain, gain_of_model])?;
-        if !parts.is_some_and(|p| p.is_behind()) {
-            return Some(law);
+    let sigma = |key: &'static str, d: Value, m: Value, unit: [f64; 2]| {
+        Proposal::of(kind, strength, [(key, root(key, d, m, unit)?)])
+    };
+    // Noise in e⁻ that may lie behind the gain.
+    let at_place = |mut law: Vec<(&'static str, Value)>, is_behind: bool| {
+        if is_behind {
+            let sigmas = law.iter_mut().filter(|(key, _)| key.ends_with("_e"));
+            sigmas.for_each(|(_, sigma)| *sigma = sigma.scaled(given.analog_gain));
+            law.push(("gain_exponent", Value::chosen(-1.0)));
         }
-        let at_unity = law.parameters.first()?.1.scaled(given.analog_gain);
-        let place = [("sigma_e", at_unity), ("gain_exponent", Value::chosen(-1.0))];
-        Proposal::of(test.effect, strength, place)
+        Proposal::of(kind, strength, law)
     };
     let per_e = [gain, gain_of_model];
     let (d, m) = (&data.bias, &model.bias);
@@ -735,15 +753,28 @@ pub(super) fn proposal(
                 ("read_e", all.scaled(1.0 / unity)),
                 ("read_e_post", d.behind.sqrt()?.scaled(1.0 / unity)),
             ];
-            Proposal::of("read-noise", strength, law)
+            Proposal::of(kind, strength, law)
         }
         "frame-offset-by-site" => {
             let parts = data.behind_gain.and_then(|b| b.sites);
-            sigma_of_place(d.frame_site_variance?, m.frame_site_variance?, parts)
+            let is_behind = parts.is_some_and(|p| p.is_behind());
+            let (d, m) = (d.frame_site_variance?, m.frame_site_variance?);
+            at_place(vec![("sigma_e", root("sigma_e", d, m, per_e)?)], is_behind)
         }
-        "row-temporal-noise" => {
-            let parts = data.behind_gain.map(|b| b.rows);
-            sigma_of_place(d.row_variance, m.row_variance, parts)
+        "row-temporal-noise" | "row-noise-of-opposite-sign" => {
+            let all =
+                [("sigma_e", row_variances(d, m)), ("opposite_e", opposite_row_variances(d, m))];
+            // Both parts of one effect, each where it stands out or the model has it.
+            let is_there = |key, [d, m]: [Value; 2]| {
+                present(key).is_some_and(|had| had > 0.0) || exceeds(d, m) >= super::MIN_DEVIATION
+            };
+            let none = Value::new(0.0, 0.0);
+            let part = |(key, [d, m]): (&'static str, [Value; 2])| match is_there(key, [d, m]) {
+                true => Some((key, root(key, d, m, per_e).unwrap_or(none))),
+                false => (key == "sigma_e").then_some((key, none)),
+            };
+            let law = all.into_iter().filter_map(part).collect();
+            at_place(law, data.behind_gain.is_some_and(|b| b.rows.is_behind()))
         }
         "column-temporal-noise" => sigma("sigma_e", d.column_variance, m.column_variance, per_e),
         "pixel-offset-fpn" => sigma("sigma_e", d.pattern.pixels, m.pattern.pixels, per_e),
@@ -757,14 +788,12 @@ pub(super) fn proposal(
         }
         "frame-offset-noise" => {
             let offsets = data.frame_offsets?;
-            let sd = Value::new(offsets.sd_dn, offsets.sd_dn / offsets.deviation.max(1.0));
-            let sigma = offsets.drift.map_or(sd, |d| d.sd).scaled(1.0 / gain);
-            let mut law = vec![("sigma_e", sigma)];
+            let mut law = vec![("sigma_e", offsets.sd.scaled(1.0 / gain))];
             law.extend(offsets.drift.map(|d| {
                 let of = d.correlation;
                 ("correlation", Value::new(of.value.min(MAX_CORRELATION), of.std_error))
             }));
-            Proposal::of(test.effect, strength, law)
+            at_place(law, data.behind_gain.is_some_and(|b| b.frames_are_behind))
         }
         "prnu" => {
             let all = |e: &Estimates| {
@@ -812,8 +841,6 @@ pub(super) fn proposal(
         "dark-current-by-site" => {
             let (d, m) = (data.dark_current.as_ref()?, model.dark_current.as_ref()?);
             let noise = &camera.sensor.noise;
-            let base = Test { effect: "dark-current", ..Test::new("", test.deviation, "") };
-            let base = proposal(&base, data, model, camera, given)?;
             let kelvins = given.temperature_c - noise.temperature_ref_c;
             let growth = libm::exp2(kelvins / noise.dark_doubling_c);
             let least = lowest(&d.median_by_site);
@@ -828,8 +855,7 @@ pub(super) fn proposal(
                 keys.into_iter().zip(d.median_by_site.iter().map(above)).collect();
             law.push(("doubling_c", Value::chosen(noise.dark_doubling_c)));
             law.push(("reference_c", Value::chosen(noise.temperature_ref_c)));
-            let sites = Proposal::of(test.effect, strength, law)?;
-            Some(Proposal { effects: [base.effects, sites.effects].concat(), ..sites })
+            Proposal::of(kind, strength, law)
         }
         "defective-areas" => of_groups(&areas(data), data, gain, given, camera),
         "charge-transfer-inefficiency" => {

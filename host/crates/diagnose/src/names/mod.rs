@@ -71,10 +71,23 @@ impl Names {
             let p = effects::proposal(t, &self.found, model, camera, given)?;
             p.is_possible().then_some(Proposal { by_evidence: true, ..p })
         };
+        let stands_out = |effect: &str| {
+            tests.iter().any(|t| t.effect == effect && t.deviation.abs() >= MIN_DEVIATION)
+        };
+        // What sites have more than the lowest is beside a dark current of all.
+        let is_needed =
+            |t: &Test| t.effect == "dark-current" && stands_out("dark-current-by-site");
         let out: Vec<&Test> =
-            tests.iter().filter(|t| t.deviation.abs() >= MIN_DEVIATION).collect();
-        let mut proposals: Vec<Proposal> =
-            out.iter().filter_map(|t| of(t, &self.given, camera)).collect();
+            tests.iter().filter(|t| stands_out(t.effect) || is_needed(t)).collect();
+        let mut proposals: Vec<Proposal> = Vec::new();
+        // Of several of one effect that which says the most.
+        for p in out.iter().filter_map(|t| of(t, &self.given, camera)) {
+            match proposals.iter_mut().find(|other| other.kind == p.kind) {
+                Some(other) if other.parameters.len() < p.parameters.len() => *other = p,
+                Some(_) => {}
+                None => proposals.push(p),
+            }
+        }
         // Not all of what blinks is seen: what the model with it shows tells how much.
         for _ in 0..SIMULATED_ESTIMATES {
             if !proposals.iter().any(|p| effects::is_seen_in_part(p.kind)) {
@@ -130,7 +143,7 @@ impl Names {
         let evidence = before.into_iter().map(|test| {
             let left = after.iter().find(|t| t.effect == test.effect);
             let left = left.map_or(test.deviation, |t| t.deviation);
-            let by_others = passes && !named.contains(&test.effect);
+            let by_others = passes && !named.contains(&effects::kind(test.effect));
             let status = match test.deviation.abs() >= MIN_DEVIATION {
                 _ if test.undecided.is_some() => EvidenceStatus::NotDecidable,
                 false => EvidenceStatus::Absent,

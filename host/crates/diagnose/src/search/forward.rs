@@ -106,8 +106,8 @@ impl Selection {
     }
 }
 
-/// The effects that stand out by their own evidence, put in together; one after the other, the
-/// clearest first, where together they do harm.
+/// The effects that stand out by their own evidence, put in together. Where they do harm, or explain
+/// nothing, those are left out without which the frames are likelier; one alone must do no harm.
 pub(super) fn seeded(
     measured: &Measured,
     before: &Evaluation,
@@ -116,23 +116,31 @@ pub(super) fn seeded(
     if seeds.is_empty() {
         return Ok(Selection::empty(before.clone()));
     }
-    seeds.sort_by(|a, b| b.strength.total_cmp(&a.strength));
-    let with = |model: &Evaluation, more: &[Proposal]| -> Result<Option<Evaluation>> {
-        let mut named = model.named.clone();
-        named.extend_from_slice(more);
-        let camera = with_all(&model.camera, more);
-        let next = Evaluation::new(measured, camera, named, RUNS_ON_THE_WAY)?;
-        let helps = next.deviance() < model.by(measured, RUNS_ON_THE_WAY)?.deviance();
-        Ok((helps && !veto::bars(measured, model, &next)).then_some(next))
+    let given = before.by(measured, RUNS_ON_THE_WAY)?.deviance();
+    let with = |seeds: &[Proposal]| {
+        let camera = with_all(&before.camera, seeds);
+        Evaluation::new(measured, camera, seeds.to_vec(), RUNS_ON_THE_WAY)
     };
-    let mut model = before.clone();
-    match with(&model, &seeds)? {
-        Some(all) => model = all,
-        None => {
-            for seed in &seeds {
-                model = with(&model, std::slice::from_ref(seed))?.unwrap_or(model);
-            }
+    seeds.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+    let mut model = with(&seeds)?;
+    let is_better = |m: &Evaluation| m.deviance() < given;
+    while !is_better(&model) || veto::bars(measured, before, &model) {
+        let alone = model.named.len() == 1;
+        let without = |i: usize| {
+            let mut rest = model.named.clone();
+            rest.remove(i);
+            with(&rest)
+        };
+        let all = (0..model.named.len()).map(without).collect::<Result<Vec<_>>>()?;
+        let likeliest = all.into_iter().min_by(|a, b| a.deviance().total_cmp(&b.deviance()));
+        let Some(rest) = likeliest else { break };
+        if is_better(&model) && !alone && rest.deviance() > model.deviance() {
+            break;
         }
+        model = rest;
+    }
+    if model.named.is_empty() {
+        return Ok(Selection::empty(before.clone()));
     }
     let seeded = |proposal: &Proposal| {
         // The square of a deviation is the deviance that it makes, in both halves together.
