@@ -180,7 +180,7 @@ pub struct Entry {
 }
 
 /// Largest number of parameters of an effect.
-pub const MAX_PARAMETERS: usize = 9;
+pub const MAX_PARAMETERS: usize = 10;
 
 /// Words (f32) of the tables of all effects of a sensor that have one: 4 KiB; in a build without
 /// empirical effects those of one gain table, or none.

@@ -483,26 +483,32 @@ fn adc_nonlinearity<A: Arith>() {
 }
 
 /// A ramp over four ranges: the codes that are left are those of each range, and the code nearest
-/// to a level, so that each is as wide as its step; noise gets s²/12 more.
+/// to a level, or the one below where codes are cut, so that each is as wide as its step; noise
+/// gets s²/12 more.
 fn requantised<A: Arith>() {
-    let effect = requantised::Requantised::from_values(&[1.0, 40.0, 2.0, 101.0, 5.0, 180.0, 16.0]);
-    let mut config = monochrome(256 * 32, 1, &[effect.into()]);
-    (config.bits, config.full_well_e, config.black_level_dn) = (8, 255.0, 0.0);
-    let ramp = |x: u32, _| (x as f32 + 0.5) / 32.0 - 0.5;
-    let dn = frame::<A>(&config, &SETTINGS, &mut Means(ramp));
     let range = |code: u16| match code {
         0..40 => (0, 1),
         40..101 => (40, 2),
         101..180 => (101, 5),
         _ => (180, 16),
     };
-    for (x, &found) in dn.iter().enumerate() {
-        let code = (x / 32) as u16;
-        let (from, step) = range(code);
-        let nearest = (from + (code - from + step / 2) / step * step).min(255);
-        // The ramp's levels next to a change of code may round to either.
-        if x % 32 > 0 && x % 32 < 31 {
-            assert_eq!(found, nearest, "{code}");
+    for rounding in [0.5, 0.0] {
+        let none = 65536.0;
+        let values = [1.0, 40.0, 2.0, 101.0, 5.0, 180.0, 16.0, none, 1.0, rounding];
+        let effect = requantised::Requantised::from_values(&values);
+        let mut config = monochrome(256 * 32, 1, &[effect.into()]);
+        (config.bits, config.full_well_e, config.black_level_dn) = (8, 255.0, 0.0);
+        let ramp = |x: u32, _| (x as f32 + 0.5) / 32.0 - 0.5;
+        let dn = frame::<A>(&config, &SETTINGS, &mut Means(ramp));
+        for (x, &found) in dn.iter().enumerate() {
+            let code = (x / 32) as u16;
+            let (from, step) = range(code);
+            let up = if rounding > 0.0 { step / 2 } else { 0 };
+            let again = (from + (code - from + up) / step * step).min(255);
+            // The ramp's levels next to a change of code may round to either.
+            if x % 32 > 0 && x % 32 < 31 {
+                assert_eq!(found, again, "{code}");
+            }
         }
     }
     let step = 64.0f64;

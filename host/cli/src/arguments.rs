@@ -36,7 +36,7 @@ pub struct ChangeArgs {
 impl ChangeArgs {
     /// Loads a preset or a camera file with the changes applied.
     pub fn load(&self, camera: &str) -> Result<Camera> {
-        Camera::load_with(camera, &self.all()?)
+        camrig_render::with_filter_angles(Camera::load_with(camera, &self.all()?)?)
     }
 
     /// All changes.
@@ -260,7 +260,8 @@ pub fn exposure(text: &str) -> Result<Exposure, String> {
 #[derive(clap::Args, Clone, Debug)]
 pub struct FrameArgs {
     /// Exposure time: 20ms, 1.5s, 300us; auto (99.9 % of each channel below 0.85 of full scale), or
-    /// auto:SHARE (mean of green, as a fraction of full scale above black)
+    /// auto:SHARE (mean of green, as a fraction of full scale above black; as auto where that clips
+    /// highlights)
     #[arg(long, value_parser = exposure, allow_hyphen_values = true, value_name = "TIME")]
     pub exposure: Exposure,
     /// Analog gain, or in decibels as 6dB [default: that of the camera file]
@@ -351,12 +352,15 @@ impl FrameArgs {
         match self.exposure {
             Exposure::Time(seconds) => Ok(seconds),
             Exposure::Auto(brightness) => {
-                let seconds =
+                let found =
                     auto_exposure::exposure_s(camera, sensor, cube, self.gain, brightness)?;
                 // Its three digits, and not those of the product's rounding.
-                let ms = (1e9 * seconds).round() / 1e6;
-                eprintln!("note: automatic exposure: {ms} ms");
-                Ok(seconds)
+                let ms = |seconds: f64| (1e9 * seconds).round() / 1e6;
+                let clipping = found.clipping_s.map_or_else(String::new, |s| {
+                    format!(", since {} ms clips highlights of a channel", ms(s))
+                });
+                eprintln!("note: automatic exposure: {} ms{clipping}", ms(found.exposure_s));
+                Ok(found.exposure_s)
             }
         }
     }
@@ -383,7 +387,7 @@ pub fn report(written: &[Value], json_object: Value, as_json: bool) {
     for frame in written {
         let channels = frame["channels"].as_object();
         for (channel, figures) in channels.into_iter().flatten() {
-            let saturated = figures["saturated_fraction"].as_f64().unwrap_or(0.0);
+            let saturated = figures["saturated_fraction"]["value"].as_f64().unwrap_or(0.0);
             if saturated > WARN_SATURATED {
                 eprintln!(
                     "warning: {}: {:.1} % of channel {channel} is saturated; shorten the \

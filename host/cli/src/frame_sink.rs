@@ -10,6 +10,7 @@ use camrig_camera::hdr::HdrOutput;
 use camrig_formats::live::{Beside, LiveEncoder};
 use camrig_formats::mcap::CameraInfo;
 use camrig_formats::{DngInfo, Facts, Format, Frames, csi2, png, preview, wide};
+use camrig_measure::figure;
 use camrig_report::page::Page;
 use camrig_report::simulation;
 use serde_json::{Value, json};
@@ -325,7 +326,7 @@ impl FrameSink {
         }
         self.count += 1;
         if self.count <= FIGURES || !matches!(self.place, Place::Live(..)) {
-            self.written.push(json!({ "file": name, "channels": channel_figures(samples) }));
+            self.written.push(json!({ "file": name, "channels": channel_figures(samples)? }));
         }
         Ok(())
     }
@@ -343,7 +344,7 @@ impl FrameSink {
             }
             Place::Live(mut frames, stop) if stop.is_asked() => {
                 frames.finish()?;
-                eprintln!("interrupted: {} complete frames written to {place}", frames.count());
+                eprintln!("interrupted: {} whole frames written to {place}", frames.count());
             }
             Place::Live(mut frames, _) => {
                 frames.finish()?;
@@ -391,15 +392,13 @@ impl Stack {
     }
 }
 
-fn channel_figures(samples: Samples<'_>) -> Value {
-    samples
-        .channel_means()
-        .into_iter()
-        .map(|channel| {
-            let figures =
-                json!({ "mean_dn": channel.mean_dn, "saturated_fraction": channel.saturated });
-            (channel.name, figures)
-        })
-        .collect::<serde_json::Map<_, _>>()
-        .into()
+fn channel_figures(samples: Samples<'_>) -> Result<serde_json::Map<String, Value>> {
+    let of_channel = |channel: ChannelMean| {
+        let [mean_dn, saturated_fraction] =
+            [channel.mean_dn, channel.saturated].map(camrig_measure::Value::chosen);
+        let figures = json!({ "mean_dn": mean_dn, "saturated_fraction": saturated_fraction });
+        (channel.name, figures)
+    };
+    let channels = samples.channel_means().into_iter().map(of_channel);
+    figure::object(&channels.collect::<serde_json::Map<_, _>>())
 }

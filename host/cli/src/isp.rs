@@ -253,7 +253,7 @@ fn print_table(table: &[(String, Vec<Patch>)], json_notes: Option<&Vec<String>>)
     if let Some(notes) = json_notes {
         let isps = table.iter().map(|(name, patches)| {
             let mut figures = figure::object(&ColourError::of(patches))?;
-            figures.insert("patches".into(), json!(patches));
+            figures.append(&mut figure::object(&BTreeMap::from([("patches", patches)]))?);
             Ok((name.clone(), figures))
         });
         let isps: BTreeMap<_, _> = isps.collect::<Result<_>>()?;
@@ -270,7 +270,7 @@ fn print_table(table: &[(String, Vec<Patch>)], json_notes: Option<&Vec<String>>)
     let names: Vec<String> = table.iter().map(|(name, _)| format!("{name:>6}")).collect();
     println!("{:>8}  {}", "patch", names.join("  "));
     for i in 0..table[0].1.len() {
-        line(&(i + 1).to_string(), &|patches| patches[i].delta_e_2000);
+        line(&(i + 1).to_string(), &|patches| patches[i].delta_e_2000.value);
     }
     line("mean", &|patches| ColourError::of(patches).delta_e_2000_mean.value);
     line("max", &|patches| ColourError::of(patches).delta_e_2000_max.value);

@@ -82,9 +82,10 @@ fn run_paper(args: &PaperArgs) -> Result<ExitCode> {
         None => None,
     };
     let model = args.changes.load(&args.model)?;
+    let load = |path: &str| render::with_filter_angles(Camera::load(path)?);
     let sides = Sides {
         captured: args.captured.as_deref().map(Captured::open).transpose()?,
-        improved: args.improved.as_deref().map(Camera::load).transpose()?,
+        improved: args.improved.as_deref().map(load).transpose()?,
         places: Places { corners: args.corners, roi: args.roi },
     };
     let bar = progress("cameras", 0);

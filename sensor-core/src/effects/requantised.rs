@@ -8,13 +8,14 @@ effect! {
     /// on the level, as lossy compression (Raspberry Pi's PiSP, Sony's ARW) and tables do.
     ///
     /// In a range that begins at code a, with a step of s DN, code c becomes a + s ⌊(c − a)/s +
-    /// 1/2⌋. There are up to five ranges: from 0 DN, and from each start on. Starts and steps are
-    /// whole numbers; a start of 65536 is none. Put this effect last. Limits: a table whose step
+    /// r⌋; r = 1/2 rounds, and r = 0 cuts, as where low bits are dropped. There are up to five
+    /// ranges: from 0 DN, and from each start on. Starts and steps are whole numbers; a start of
+    /// 65536 is none. Put this effect last. Limits: a table whose step
     /// changes from code to code is taken as ranges of its mean step; errors of compression that
     /// depend on neighbours are not modelled.
     ///
     /// Closed form: of a ramp, codes a + n s alone, each as wide as its step; noise that is wider
-    /// than a step gets s²/12 DN² more variance.
+    /// than a step gets s²/12 DN² more variance. Codes that are cut lie (s − 1)/2 DN lower.
     Requantised, "requantised", Voltage, Response, Pixel {
         /// Step from 0 DN on
         step_0_dn: "DN", 1.0..=4096.0, default 1.0;
@@ -34,6 +35,8 @@ effect! {
         from_4_dn: "DN", 0.0..=65536.0, default 65536.0;
         /// Its step
         step_4_dn: "DN", 1.0..=4096.0, default 1.0;
+        /// r: 0.5 where codes are rounded, 0 where they are cut
+        rounding: "1", 0.0..=0.5, default 0.5;
     }
 }
 
@@ -63,7 +66,8 @@ impl Stage for Requantised {
                 (from, step) = if code >= start { (start, its) } else { (from, step) };
             }
             let step = step.max(1);
-            let again = from + (code.saturating_sub(from) + step / 2) / step * step;
+            let up = (self.rounding * step as f32) as u32;
+            let again = from + (code.saturating_sub(from) + up) / step * step;
             *v = A::signal((again as f32 - cx.black_level_dn) * e_per_dn);
         }
     }

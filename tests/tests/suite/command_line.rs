@@ -144,7 +144,8 @@ fn json_goes_to_standard_output_alone() {
         "simulate --camera c.toml --scene uniform:0.2 --exposure 10ms -o a.npy --json",
     );
     let object: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert!(object["frames"][0]["channels"]["g"]["mean_dn"].as_f64().unwrap() > 42.0);
+    let mean = &object["frames"][0]["channels"]["g"]["mean_dn"];
+    assert!(mean["value"].as_f64().unwrap() > 42.0 && mean["unit"] == "DN", "{mean}");
 }
 
 /// As a newcomer runs it; the page contains its pictures and requests nothing from the network.

@@ -36,7 +36,7 @@ fn real_scenes_have_the_means_of_closed_forms() {
         let object: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         for (channel, expected) in ["r", "g", "b"].into_iter().zip(expected) {
             let figures = &object["frames"][0]["channels"][channel];
-            let mean = figures["mean_dn"].as_f64().unwrap();
+            let mean = figures["mean_dn"]["value"].as_f64().unwrap();
             println!("{file} {channel}: {mean:.2} DN, closed form {expected} DN");
             assert!((mean - expected).abs() < TOLERANCE_DN, "{file} {channel}: {mean}");
         }

@@ -54,7 +54,7 @@ pub struct SpectralArgs {
 pub fn spectral(args: &SpectralArgs) -> Result<()> {
     let output = args.to.create()?;
     let frame = LinearFrame::read(&args.frame)?;
-    let camera = Camera::load(&args.camera)?;
+    let camera = camrig_render::with_filter_angles(Camera::load(&args.camera)?)?;
     let mut training = Vec::new();
     for path in &args.training {
         let (spectra, notes) = read_training(path)?;

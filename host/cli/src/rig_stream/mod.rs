@@ -267,9 +267,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let whole = output.count();
         let place = live::named(output.path());
         if stop.is_asked() {
-            eprintln!("interrupted: {whole} complete frames in {place}");
+            eprintln!("interrupted: {whole} whole frames in {place}");
         } else if ended.is_err() && whole > 0 {
-            eprintln!("the stream broke off: {whole} complete frames in {place}");
+            eprintln!("the stream broke off: {whole} whole frames in {place}");
         } else if ended.is_ok() {
             output.check_any()?;
         }

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! product = term { ("/" | "per" | "*" | "." | "·" | "×" | blank) term }      from left to right
-//! term    = number | symbol [power] | "(" product ")" [power]
+//! term    = number | symbol [power] | ("square" | "cubic") symbol | "(" product ")" [power]
 //! power   = ["^" | "**"] ["+" | "-"] digits, or superscripts
 //! ```
 //! Symbols are those of the SI with its prefixes, written out or not, and what light is measured
@@ -141,7 +141,7 @@ const WHOLE: [Symbol; 23] = [
 ];
 
 /// Names, which also end with s, and the symbols that they stand for.
-const NAMES: [(&str, &str); 29] = [
+const NAMES: [(&str, &str); 30] = [
     ("meter", "m"),
     ("metre", "m"),
     ("nanometer", "nm"),
@@ -152,6 +152,7 @@ const NAMES: [(&str, &str); 29] = [
     ("ångström", "Å"),
     ("second", "s"),
     ("joule", "J"),
+    ("erg", "erg"),
     ("watt", "W"),
     ("ampere", "A"),
     ("amp", "A"),
@@ -314,6 +315,8 @@ fn plain(text: &str) -> Vec<char> {
     const SUPERSCRIPTS: &str = "⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻";
     let mut plain = Vec::new();
     let mut is_raised = false;
+    // As labels of plots have it.
+    let text = text.replace("\\mu ", "µ").replace("\\mu", "µ");
     for c in text.trim().chars() {
         let superscript = SUPERSCRIPTS.chars().position(|of| of == c);
         if superscript.is_some() && !is_raised {
@@ -422,6 +425,13 @@ impl Parser<'_> {
             let unit = self.group(!is_divisor)?;
             self.at = end;
             return Some(unit.raised(power));
+        }
+        for (word, power) in [("square ", 2), ("sq. ", 2), ("sq ", 2), ("cubic ", 3)] {
+            if self.begins(word) {
+                self.at += word.len();
+                self.skip_blanks();
+                return Some(self.term(false)?.raised(power));
+            }
         }
         let is_mark = |c| matches!(c, '%' | '‰');
         let mut symbol = match self.peek(0).filter(|c| is_mark(*c)) {
@@ -602,6 +612,10 @@ mod tests {
             ("10^-3 W/m2/sr/nm", 1e-3),
             ("10⁻³ W/m²/sr/nm", 1e-3),
             ("erg/s/cm^2/sr/nm", 1e-3),
+            ("ergs s-1 cm-2 sr-1 nm-1", 1e-3),
+            ("Watts per square metre per steradian per micrometre", 1e-3),
+            ("microwatts per square centimeter per steradian per nanometer", 1e-2),
+            ("W m^{-2} sr^{-1} \\mu m^{-1}", 1e-3),
             ("W m-2 sr-1 Å-1", 10.0),
             ("W m-3 sr-1", 1e-9),
         ] {

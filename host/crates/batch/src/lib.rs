@@ -110,6 +110,7 @@ pub fn run(
         let Some(first) = missing.first() else { continue };
         let variant = &sweep.variants[first.variant];
         let camera = Camera::load_with(&variant.spec, &variant.changes)?;
+        let camera = render::with_filter_angles(camera)?;
         let optics_stage = OpticsStage {
             scene: first.scene.spec.clone(),
             illuminant: sweep.names_light.then(|| first.illuminant.spec.clone()),

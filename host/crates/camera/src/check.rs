@@ -8,8 +8,8 @@ use super::hdr::{self, EffectOn};
 use super::named_files::{FileName, FractionOrFile};
 use super::prescription;
 use super::{
-    Camera, CrosstalkTable, FilterAngles, Folder, Gains, KeptNoise, LensKind, LensModel, Noise,
-    RelativeIllumination, SensorModel, SensorTiming, csv_reader,
+    Camera, CrosstalkTable, Directions, FilterAngles, Folder, Gains, KeptNoise, LensKind,
+    LensModel, Noise, RelativeIllumination, SensorModel, SensorTiming, csv_reader,
 };
 use camrig_base::alternatives::Alternatives;
 use camrig_base::table::{SpectralTable, Wanted};
@@ -267,17 +267,24 @@ fn filter_angles(index: f64, lens: &LensModel, sensor: &SensorModel) -> Result<F
         return Err(Error::unsupported("ir_cut_effective_index beside a crosstalk table")
             .help("put the filter's shift into the table, or leave one of them out"));
     }
-    let LensKind::DiffractionLimited { f_number, focal_length_mm, magnification, .. } = lens.kind
-    else {
-        return Err(Error::unsupported("ir_cut_effective_index behind this kind of lens")
-            .help("use lens.kind = \"diffraction-limited\", whose angles follow from its keys"));
+    let directions = match lens.kind {
+        LensKind::DiffractionLimited { f_number, focal_length_mm, magnification, .. } => {
+            let stretch = 1.0 + magnification;
+            Directions::Cones {
+                image_distance_mm: focal_length_mm * stretch,
+                sin: (0.5 / (f_number * stretch)).min(1.0),
+            }
+        }
+        LensKind::Prescription(_) => Directions::Untraced,
+        LensKind::Characterised(_) => {
+            return Err(Error::unsupported("ir_cut_effective_index behind a characterised lens")
+                .help(
+                    "use lens.kind = \"diffraction-limited\" or \"prescription\", whose angles of \
+                     light are known",
+                ));
+        }
     };
-    let stretch = 1.0 + magnification;
-    Ok(FilterAngles {
-        effective_index: index,
-        image_distance_mm: focal_length_mm * stretch,
-        cone_sin: (0.5 / (f_number * stretch)).min(1.0),
-    })
+    Ok(FilterAngles { effective_index: index, directions })
 }
 
 /// The channels' names and the quantum efficiency of each.

@@ -7,11 +7,14 @@
 //! the axis, N_w = N (1 + |m|). The chief ray of an ideal lens with its stop at the lens has tan θ
 //! = h / (f (1 + |m|)) at the height h.
 //!
+//! Of a lens that is traced, the rays of its pupil at some heights stand for both.
+//!
 //! Limits: both polarisations move alike, and the filter's height of transmittance stays, as up to
-//! some 30°; microlenses and the lens's own telecentricity are not known.
+//! some 30°; microlenses are not known, nor an ideal lens's telecentricity.
 
 use super::{CrosstalkTable, SensorModel};
-use camrig_base::{Bands, Spectrum};
+use camrig_base::{Bands, Error, Result, Spectrum};
+use std::sync::Arc;
 
 /// Steps of sin²θ in which the moved filter is integrated. Of a shift of 45 nm one is 1.4 nm, and
 /// between two the integral over a band is a straight line but for the bands' ends.
@@ -27,24 +30,79 @@ const NODES: usize = 17;
 const LEAST: f64 = 1e-4;
 
 /// The angles at which light passes the infrared cut filter.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FilterAngles {
     /// Effective index of the filter's layers.
     pub effective_index: f64,
-    /// Distance from the lens to the sensor, mm.
-    pub image_distance_mm: f64,
-    /// Sine of the cone's half angle.
-    pub cone_sin: f64,
+    /// Where light comes from.
+    pub directions: Directions,
+}
+
+/// Directions of the light that a lens sends to the sensor.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Directions {
+    /// Even cones around the chief rays of an ideal lens.
+    Cones {
+        /// Distance from the lens to the sensor, mm.
+        image_distance_mm: f64,
+        /// Sine of the cone's half angle.
+        sin: f64,
+    },
+    /// Those of a lens that is not traced yet; until then, light comes along the axis.
+    Untraced,
+    /// Rays of a traced lens: sin²θ of [`RAYS`](Self::RAYS) equal shares of the light in rising
+    /// order, at even steps of height from the axis.
+    Traced {
+        /// At each height.
+        sin2: Arc<[Vec<f64>]>,
+        /// The last height, mm.
+        reach_mm: f64,
+    },
+}
+
+impl Directions {
+    /// Rays at each height.
+    pub const RAYS: usize = RINGS * DIRECTIONS;
+
+    /// sin²θ of each ray at a height relative to that of the sensor's corner.
+    fn sin2(&self, height: f64, corner_mm: f64) -> Vec<f64> {
+        match self {
+            Self::Cones { image_distance_mm, sin } => {
+                let chief = sine(corner_mm / image_distance_mm * height);
+                let ring = |ring: usize| sin * ((ring as f64 + 0.5) / RINGS as f64).sqrt();
+                let across = |direction: usize| {
+                    let turn = (direction as f64 + 0.5) / DIRECTIONS as f64;
+                    libm::cos(std::f64::consts::TAU * turn)
+                };
+                let rays = (0..RINGS).flat_map(|r| (0..DIRECTIONS).map(move |d| (ring(r), d)));
+                let sin2 = |(radius, d): (f64, usize)| {
+                    chief * chief + 2.0 * chief * radius * across(d) + radius * radius
+                };
+                rays.map(sin2).collect()
+            }
+            Self::Untraced => vec![0.0],
+            Self::Traced { sin2, reach_mm } => {
+                // Between two heights, even in the square of the height, as angles of rays are.
+                let place = (height * corner_mm / reach_mm * (sin2.len() - 1) as f64)
+                    .clamp(0.0, (sin2.len() - 1) as f64);
+                let below = (place as usize).min(sin2.len().saturating_sub(2));
+                let [low, high] = [below, below + 1].map(|k| (k * k) as f64);
+                let part = (place * place - low) / (high - low);
+                let pairs = sin2[below].iter().zip(&sin2[below + 1]);
+                pairs.map(|(a, b)| a + part * (b - a)).collect()
+            }
+        }
+    }
 }
 
 /// The response per channel and band at rising sin²θ, and how far they lie apart.
 pub(crate) struct Moved {
     at: Vec<Vec<Vec<f64>>>,
     step: f64,
-    /// Tangent of the chief ray's angle in the sensor's corner, and the sine of the cone.
-    corner_tan: f64,
-    cone_sin: f64,
+    directions: Directions,
+    corner_mm: f64,
 }
 
 impl FilterAngles {
@@ -58,32 +116,58 @@ impl FilterAngles {
     /// Largest sin²θ of all light on a sensor.
     #[must_use]
     pub fn most_sin2(&self, sensor: &SensorModel) -> f64 {
-        let sin = sine(self.corner_tan(sensor)) + self.cone_sin;
-        (sin * sin).min(1.0)
+        match &self.directions {
+            Directions::Cones { image_distance_mm, sin: cone } => {
+                let sin = sine(corner_mm(sensor) / image_distance_mm) + cone;
+                (sin * sin).min(1.0)
+            }
+            Directions::Untraced => 0.0,
+            Directions::Traced { sin2, .. } => sin2.iter().flatten().copied().fold(0.0, f64::max),
+        }
     }
 
-    /// Tangent of the chief ray's angle in a sensor's corner.
-    fn corner_tan(&self, sensor: &SensorModel) -> f64 {
-        let (w, h) = (f64::from(sensor.width), f64::from(sensor.height));
-        (w * w + h * h).sqrt() / 2.0 * sensor.pitch_um * 1e-3 / self.image_distance_mm
+    /// # Errors
+    /// A lens that is not traced, or not as far as the sensor's corner.
+    pub fn check_traced(&self, sensor: &SensorModel) -> Result<()> {
+        let traced = match &self.directions {
+            Directions::Cones { .. } => true,
+            Directions::Untraced => false,
+            Directions::Traced { reach_mm, .. } => corner_mm(sensor) <= reach_mm * (1.0 + 1e-9),
+        };
+        if traced {
+            return Ok(());
+        }
+        Err(Error::unsupported("the angles of light on the infrared cut filter are not traced")
+            .help("trace them by camrig_render::with_filter_angles, or leave out ir_cut_effective_index"))
     }
 
     /// The responses of a sensor with each of the moved filters.
     pub(crate) fn responses(
-        self,
+        &self,
         sensor: &SensorModel,
         filter: &Spectrum,
         light: &[Spectrum],
         bands: &Bands,
     ) -> Moved {
-        let step = self.most_sin2(sensor) / STEPS as f64;
+        let step = self.most_sin2(sensor).max(f64::MIN_POSITIVE) / STEPS as f64;
         let of_step = |i: usize| {
             let filter = self.moved(filter, i as f64 * step);
             sensor.response_behind(Some(&filter), light, bands)
         };
-        let (corner_tan, cone_sin) = (self.corner_tan(sensor), self.cone_sin);
-        Moved { at: (0..=STEPS).map(of_step).collect(), step, corner_tan, cone_sin }
+        let directions = self.directions.clone();
+        Moved {
+            at: (0..=STEPS).map(of_step).collect(),
+            step,
+            directions,
+            corner_mm: corner_mm(sensor),
+        }
     }
+}
+
+/// Height of a sensor's corner, mm.
+fn corner_mm(sensor: &SensorModel) -> f64 {
+    let (w, h) = (f64::from(sensor.width), f64::from(sensor.height));
+    (w * w + h * h).sqrt() / 2.0 * sensor.pitch_um * 1e-3
 }
 
 /// The sine of an angle from its tangent.
@@ -95,22 +179,15 @@ impl Moved {
     /// The response of a channel in a band at a height relative to the corner's: the mean over the
     /// cone.
     fn at_height(&self, channel: usize, band: usize, height: f64) -> f64 {
-        let (chief, cone) = (sine(self.corner_tan * height), self.cone_sin);
-        let mut sum = 0.0;
-        for ring in 0..RINGS {
-            let radius = cone * ((ring as f64 + 0.5) / RINGS as f64).sqrt();
-            for direction in 0..DIRECTIONS {
-                let turn = (direction as f64 + 0.5) / DIRECTIONS as f64;
-                let across = libm::cos(std::f64::consts::TAU * turn);
-                let sin2 = chief * chief + 2.0 * chief * radius * across + radius * radius;
-                let place = (sin2 / self.step).clamp(0.0, STEPS as f64);
-                let below = (place as usize).min(STEPS - 1);
-                let part = place - below as f64;
-                let [a, b] = [below, below + 1].map(|i| self.at[i][channel][band]);
-                sum += a + part * (b - a);
-            }
-        }
-        sum / (RINGS * DIRECTIONS) as f64
+        let rays = self.directions.sin2(height, self.corner_mm);
+        let of_ray = |sin2: &f64| {
+            let place = (sin2 / self.step).clamp(0.0, STEPS as f64);
+            let below = (place as usize).min(STEPS - 1);
+            let part = place - below as f64;
+            let [a, b] = [below, below + 1].map(|i| self.at[i][channel][band]);
+            a + part * (b - a)
+        };
+        rays.iter().map(of_ray).sum::<f64>() / rays.len() as f64
     }
 
     /// The response that factors over the field multiply: that of the centre, or a small share of
@@ -182,7 +259,8 @@ mod tests {
         for (corner_tan, cone_sin) in [(1e-9, 0.01), (0.7, 0.01), (0.7, 0.25)] {
             let corner_mm = f64::from(sensor.width).hypot(f64::from(sensor.height)) / 2.0 * 2.2e-3;
             let angles = sensor.filter_angles.as_mut().unwrap();
-            (angles.image_distance_mm, angles.cone_sin) = (corner_mm / corner_tan, cone_sin);
+            let image_distance_mm = corner_mm / corner_tan;
+            angles.directions = super::Directions::Cones { image_distance_mm, sin: cone_sin };
             let sensor = &*sensor;
             let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 24 };
             let normal = sensor.response_behind(sensor.ir_cut.as_ref(), &[], &bands)[0].clone();
@@ -207,15 +285,19 @@ mod tests {
     fn angles_are_those_of_the_lens() {
         let camera = camera("ir_cut_effective_index = 2").unwrap();
         let sensor = &camera.sensor;
-        let angles = sensor.filter_angles.unwrap();
+        let super::Directions::Cones { image_distance_mm, sin } =
+            sensor.filter_angles.as_ref().unwrap().directions
+        else {
+            panic!("an ideal lens");
+        };
         let focal_mm = match camera.lens.kind {
             crate::LensKind::DiffractionLimited { focal_length_mm, magnification, .. } => {
                 focal_length_mm * (1.0 + magnification)
             }
             _ => panic!("another lens"),
         };
-        assert!((angles.image_distance_mm - focal_mm).abs() < 1e-12);
-        assert_eq!(angles.cone_sin, 1.0 / (2.0 * 2.8 * focal_mm / FOCAL_MM));
+        assert!((image_distance_mm - focal_mm).abs() < 1e-12);
+        assert_eq!(sin, 1.0 / (2.0 * 2.8 * focal_mm / FOCAL_MM));
         for (more, expected) in [
             ("ir_cut_effective_index = 0.5", "1 to 5"),
             ("ir_cut_effective_index = 2\n#", "ir_cut_effective_index without ir_cut"),

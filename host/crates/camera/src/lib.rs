@@ -59,7 +59,7 @@ mod value;
 pub use camrig_base::Cfa;
 pub use crosstalk::CrosstalkTable;
 pub use effects::{AnyEffect, EffectKind, read_effects};
-pub use filter_angles::FilterAngles;
+pub use filter_angles::{Directions, FilterAngles};
 pub use gains::{AtGain, Gains};
 pub use kept_noise::KeptNoise;
 pub use optical::OpticalEffect;

@@ -108,7 +108,7 @@ impl SensorModel {
     }
 
     fn moved_filter(&self, light: &[Spectrum], bands: &Bands) -> Option<Moved> {
-        let (angles, filter) = (self.filter_angles?, self.ir_cut.as_ref()?);
+        let (angles, filter) = (self.filter_angles.as_ref()?, self.ir_cut.as_ref()?);
         Some(angles.responses(self, filter, light, bands))
     }
 

@@ -39,6 +39,9 @@ pub struct Finding {
     /// Steps of requantised codes: where each begins and its size, DN.
     #[serde(default)]
     pub steps: Vec<[u16; 2]>,
+    /// Whether requantised codes were cut, and not rounded, to those that are left.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub cut: bool,
     /// Unit of `amount`.
     pub unit: String,
     /// Ids of the captures, separated by commas.
@@ -153,6 +156,7 @@ impl Finding {
             rate: None,
             std_error: None,
             steps: Vec::new(),
+            cut: false,
             unit: String::new(),
             place: place.into(),
         }

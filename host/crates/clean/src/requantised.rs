@@ -27,6 +27,10 @@ const MIN_WINDOWS: usize = 3;
 const MERGED: f64 = 1.5;
 /// Variance over the dark's from which a level shows the gain of the lower codes.
 const MIN_LIT: f64 = 1.5;
+/// Codes on either side of a change of step by whose numbers the first code beyond is judged.
+const BESIDE: usize = 4;
+/// Standard errors by which that code must be wider than a rounded one.
+const MIN_ERRORS: f64 = 4.0;
 
 /// Most ranges that the effect `requantised` has.
 const MAX_RANGES: usize = 5;
@@ -41,14 +45,17 @@ struct Range {
     first: usize,
 }
 
-/// The steps of the flats' codes by level, where some are larger than 1 DN.
-fn ranges(set: &CaptureSet, scans: &[Scan]) -> Vec<Range> {
+/// How often the flats have each code below the top one, which holds what is saturated.
+fn counts(set: &CaptureSet, scans: &[Scan]) -> Vec<u64> {
     let flats: Vec<&Scan> =
         scans.iter().filter(|s| set.captures[s.capture].role == Role::Flat).collect();
-    // The top code holds what is saturated.
     let top = usize::from(set.sensor.white_level_dn);
-    let codes = (0..top).map(|code| flats.iter().map(|s| s.codes[code]).sum::<u64>());
-    let codes: Vec<u64> = codes.collect();
+    (0..top).map(|code| flats.iter().map(|s| s.codes[code]).sum::<u64>()).collect()
+}
+
+/// The steps of codes by level, where some are larger than 1 DN.
+fn ranges(codes: &[u64]) -> Vec<Range> {
+    let top = codes.len();
     let used: Vec<usize> = (0..top).filter(|code| codes[*code] > 0).collect();
     let dense = |code: usize| codes[code] >= MIN_SAMPLES;
     // Neighbours in use, both dense: how many pairs a window has, and how far apart together.
@@ -76,6 +83,35 @@ fn ranges(set: &CaptureSet, scans: &[Scan]) -> Vec<Range> {
         }
     }
     if wide < MIN_WINDOWS { Vec::new() } else { found }
+}
+
+/// Whether codes were cut to those that are left, and not rounded. Where the step grows from s₀ to
+/// s, the first code a of the larger step is all that lay from a to a + s, s wide, if they were
+/// cut, and (s₀ + s)/2 if they were rounded. Its share among its neighbours tells, where all are
+/// dense and their steps even; `false` where none is or chance decides.
+fn are_cut(codes: &[u64]) -> bool {
+    let used: Vec<usize> = (0..codes.len()).filter(|code| codes[*code] > 0).collect();
+    let (mut found, mut cut, mut rounded) = (0.0, 0.0, 0.0);
+    for window in used.windows(2 * BESIDE + 1) {
+        let steps: Vec<usize> = window.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let (before, after) = steps.split_at(BESIDE);
+        let even = |steps: &[usize]| steps.iter().all(|step| *step == steps[0]);
+        let dense = window.iter().all(|code| codes[*code] >= MIN_SAMPLES);
+        if !(even(before) && even(after) && before[0] < after[0] && dense) {
+            continue;
+        }
+        let per_dn = |side: &[usize], step: usize| {
+            side.iter().map(|code| codes[*code] as f64).sum::<f64>() / (BESIDE * step) as f64
+        };
+        // Samples per DN at a, on a line between those of both sides.
+        let (low, high) =
+            (per_dn(&window[..BESIDE], before[0]), per_dn(&window[BESIDE + 1..], after[0]));
+        let here = low + (high - low) * before[0] as f64 / (before[0] + after[0]) as f64;
+        found += codes[window[BESIDE]] as f64;
+        cut += here * after[0] as f64;
+        rounded += here * (before[0] + after[0]) as f64 / 2.0;
+    }
+    found - rounded > f64::max((cut - rounded) / 2.0, MIN_ERRORS * found.sqrt())
 }
 
 /// The ranges as the effect has them, where each begins and its step, DN: of more than it has,
@@ -139,7 +175,9 @@ fn excess(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, ranges: &[Range
 
 /// The finding about them.
 pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer) -> Option<Finding> {
-    let ranges = ranges(set, scans);
+    let codes = counts(set, scans);
+    let ranges = ranges(&codes);
+    let cut = are_cut(&codes);
     let largest = ranges.iter().map(|r| r.step).reduce(f64::max)?;
     let by_level: Vec<String> =
         ranges.iter().map(|r| format!("{} DN from {} to {} DN", r.step, r.from, r.to)).collect();
@@ -154,15 +192,50 @@ pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer) -> Option<
         ),
         None => (
             Done::Reported,
-            "a table or lossy compression quantised the samples again, which adds step²/12 to \
-             their variance. Take raw without compression, or undo the table; the effect \
-             requantised simulates it"
-                .to_owned(),
+            format!(
+                "a table or lossy compression quantised the samples again, which adds step²/12 to \
+                 their variance{}. Take raw without compression, or undo the table; the effect \
+                 requantised simulates it",
+                match cut {
+                    true => "; they were cut, not rounded, and lie (step − 1)/2 too low in the mean",
+                    false => "",
+                }
+            ),
         ),
     };
     let mut finding = Finding::new(Kind::Requantised, "all captures", done)
         .with_amount(largest, 0.0, "DN")
         .with_description(format!("codes in use are {}: {cause}", by_level.join(", ")));
-    finding.steps = steps(ranges);
+    (finding.steps, finding.cut) = (steps(ranges), cut);
     Some(finding)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Codes of an even density about 500 DN, where the step grows from 1 to 4 DN.
+    fn table(per_code: f64, again: impl Fn(usize) -> usize) -> Vec<u64> {
+        let mut codes = vec![0; 1200];
+        for code in 1..1100 {
+            let z = (code as f64 - 500.0) / 150.0;
+            codes[again(code)] += (per_code * libm::exp(-0.5 * z * z)) as u64;
+        }
+        codes
+    }
+
+    #[test]
+    fn codes_that_were_cut_are_told_from_rounded_ones() {
+        let from = |code: usize, up: usize| match code {
+            0..500 => code,
+            _ => 500 + (code - 500 + up) / 4 * 4,
+        };
+        let nearest = |code: usize| if code < 499 { code } else { 500 + (code - 498) / 4 * 4 };
+        assert!(are_cut(&table(300.0, |code| from(code, 0))));
+        assert!(!are_cut(&table(300.0, |code| from(code, 2))));
+        assert!(!are_cut(&table(300.0, nearest)));
+        assert!(!are_cut(&table(300.0, |code| code)));
+        // 7 samples a code say nothing.
+        assert!(!are_cut(&table(7.0, |code| from(code, 0))));
+    }
 }

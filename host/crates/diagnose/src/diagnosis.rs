@@ -104,8 +104,10 @@ fn requantised(camera: &Camera, finding: &Finding) -> Option<Proposal> {
     let pairs = KEYS.into_iter().zip(&finding.steps);
     let values = pairs.flat_map(|(keys, words)| keys.into_iter().zip(words));
     let values = values.filter(|(key, _)| !key.is_empty());
+    let values = values.map(|(key, &word)| (key, f64::from(word)));
+    let values = values.chain(finding.cut.then_some(("rounding", 0.0)));
     let parameters: Vec<(&'static str, Value)> =
-        values.map(|(key, &word)| (key, Value::new(word.into(), 0.0))).collect();
+        values.map(|(key, value)| (key, Value::new(value, 0.0))).collect();
     // A code that none of many samples has is no matter of chance.
     let certain = 2.0 * MIN_STRENGTH;
     Proposal::of(KIND, certain, parameters).map(|p| Proposal { by_evidence: true, ..p })
@@ -192,6 +194,10 @@ mod tests {
         let table = [("step_0_dn", 1.0), ("from_1_dn", 952.0), ("step_1_dn", 2.0)];
         assert_eq!(values[..3], table);
         assert_eq!(values[3..], [("from_2_dn", 2416.0), ("step_2_dn", 8.0)]);
+        finding.cut = true;
+        let cut = requantised(&camera, &finding).unwrap();
+        let last = cut.parameters.last().map(|(key, v)| (*key, v.value));
+        assert_eq!(last, Some(("rounding", 0.0)));
         let [camrig_camera::AnyEffect::Sensor(effect)] = found.effects[..] else { panic!() };
         camera.effects.push(effect);
         assert!(requantised(&camera, &finding).is_none());

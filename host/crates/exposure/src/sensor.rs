@@ -87,6 +87,9 @@ impl SimulatedSensor {
             ))
             .help("use the camera for which the irradiance was made, or simulate it anew"));
         }
+        if let Some(angles) = &sensor.filter_angles {
+            angles.check_traced(sensor)?;
+        }
         let mut config = camera.sensor_config_for(&header.light, &header.spectral_bands())?;
         let light = light * header.level;
         let electrons = header.holds_electrons();
@@ -185,7 +188,7 @@ impl SimulatedSensor {
             height: self.config.height as usize,
             bits: u32::from(self.config.bits),
             cfa: self.cfa.clone(),
-            black_level_dn: f64::from(self.config.at_gain(analog_gain).black_level_dn),
+            black_level_dn: as_stated(self.config.at_gain(analog_gain).black_level_dn),
             white_level_dn: self.white_level_dn(analog_gain),
             data,
         }
@@ -321,10 +324,17 @@ impl<A: Vector> MeanRows<A> for CubeRows<'_, A> {
     }
 }
 
+/// A value of single precision as it was stated, with no more digits than it has: files keep it
+/// exactly, so that what is measured of a frame does not depend on whether it was one.
+fn as_stated(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use camrig_base::{Bands, Outside, Spectrum};
+    use camrig_camera::Directions;
     use camrig_sensor_core::effects::{Effect, optical_crosstalk, persistence::Persistence};
 
     /// Light behind which rows share by crosstalk, then darkness, over the rows of several tasks:
@@ -433,16 +443,20 @@ mod tests {
         let pass = Spectrum::new(edges, vec![0.0, 1.0, 1.0, 0.0]).unwrap();
         sensor.ir_cut = Some(pass.outside(Outside::Zero));
         sensor.qe = vec![Spectrum::constant(0.5); 3];
-        let angles = sensor.filter_angles.unwrap();
+        let Some(Directions::Cones { image_distance_mm, sin }) =
+            sensor.filter_angles.as_ref().map(|angles| angles.directions.clone())
+        else {
+            panic!("an ideal lens");
+        };
         let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 24 };
         let header = CubeHeader::new((66, 50), &bands, "even light");
         let simulated = SimulatedSensor::new(&camera, &header).unwrap();
         let cube = IrradianceCube::uniform(header, &vec![1e-3; bands.count]).unwrap();
         let plane = simulated.electrons(&cube, &camera.settings(0, 1e-3, None)).unwrap();
         let part = |x: f64, y: f64| {
-            let tan = x.hypot(y) * 70e-3 / angles.image_distance_mm;
+            let tan = x.hypot(y) * 70e-3 / image_distance_mm;
             let sin2 = tan * tan / (1.0 + tan * tan);
-            1.0 - (sin2 + angles.cone_sin * angles.cone_sin / 2.0) / (1.7 * 1.7)
+            1.0 - (sin2 + sin * sin / 2.0) / (1.7 * 1.7)
         };
         let centre = plane.data[25 * 66 + 33];
         for (x, y) in [(0usize, 0usize), (65, 49), (12, 40), (33, 3)] {

@@ -123,10 +123,13 @@ fn write_raw(d: &mut Directory, frame: &RawFrame, info: &DngInfo) -> Written {
     let black = black_levels(frame, info);
     put(d, 50713, [cfa.height as u16, cfa.width as u16])?; // BlackLevelRepeatDim
     if black.iter().all(|b| b.fract() == 0.0) {
-        // Integers: several readers truncate rationals.
         put(d, 50714, &black.iter().map(|&b| b as u32).collect::<Vec<_>>()[..])?; // BlackLevel
     } else {
-        put(d, 50714, &black.iter().map(|&b| rational(b)).collect::<Vec<_>>()[..])?;
+        // LibRaw, dcraw and others cut the fraction of a level, and round the mean of the deltas:
+        // half a DN more here and less there, and they round the level; the sum is exact.
+        let levels: Vec<Rational> = black.iter().map(|&b| rational(b + 0.5)).collect();
+        put(d, 50714, &levels[..])?;
+        put(d, 50716, &vec![SRational { n: -1, d: 2 }; frame.height][..])?; // BlackLevelDeltaV
     }
     put(d, 50717, u32::from(linearized(frame, info).white_level_dn))?; // WhiteLevel
     put(d, 50719, [0u32, 0])?; // DefaultCropOrigin

@@ -333,7 +333,8 @@ fn add_deltas(
         };
         let means: Vec<f64> = (0..period).map(mean).collect();
         for (i, level) in black.iter_mut().enumerate() {
-            *level += means[[i % width, i / width][axis]];
+            // Fractions of whole numbers: no more digits than they state.
+            *level = ((*level + means[[i % width, i / width][axis]]) * 1e9).round() / 1e9;
         }
         let residual = (0..).zip(&deltas).map(|(i, d)| (d - means[i % period]).abs());
         let largest = residual.fold(0.0, f64::max);

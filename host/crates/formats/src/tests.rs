@@ -403,6 +403,38 @@ fn deltas_of_the_black_level_count() {
     assert_eq!((facts.black_level_dn, facts.notes), (Some(141.0), vec![]));
 }
 
+/// dcraw, LibRaw and RawSpeed cut the fractions of BlackLevel and add the mean of the deltas: they
+/// come to the nearest whole level, where the fraction alone would cost up to 1 DN.
+#[test]
+fn readers_that_cut_fractions_come_to_the_nearest_black_level() {
+    for dn in [63.9, 64.25, 0.3, 1023.999] {
+        let mut raw = frame(12, 10, 12, "RGGB");
+        raw.black_level_dn = dn;
+        let bytes = dng::encode(&raw, &DngInfo::default()).unwrap();
+        assert_eq!(decode(&bytes).unwrap().facts.black_level_dn, Some(dn));
+        // The one field of four fractions that are alike, and the one of a row's.
+        let cut = |tag: u16, count: u32| -> Vec<f64> {
+            let head: Vec<u8> = [tag.to_le_bytes(), [if tag == 50714 { 5 } else { 10 }, 0]]
+                .concat()
+                .into_iter()
+                .chain(count.to_le_bytes())
+                .collect();
+            let at = bytes.windows(8).position(|w| w == head).unwrap() + 8;
+            let word = |at: usize| i32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+            let fractions = word(at) as usize;
+            (0..count as usize)
+                .map(|i| fractions + 8 * i)
+                .map(|at| f64::from(word(at)) / f64::from(word(at + 4)))
+                .collect()
+        };
+        let delta = cut(50716, 10).iter().sum::<f64>() / 10.0;
+        for level in cut(50714, 4) {
+            assert_eq!(level.trunc() + (delta + 0.5).trunc(), dn.round(), "{dn}");
+            assert!((level + delta - dn).abs() < 1e-6, "{level} {delta}");
+        }
+    }
+}
+
 /// TIFF/EP has ExposureTime and ISO in the main directory; DNG allows one matrix, for any light.
 #[test]
 fn small_writers_put_exposure_and_one_matrix_into_the_main_directory() {

@@ -4,7 +4,7 @@ use super::heights::{self, Density, Probe, Station};
 use super::prescription::Object;
 use super::psf::{self, Psf, Window};
 use super::pupil::{Beam, Bundle, Outline};
-use super::samples::PupilSamples;
+use super::samples::{PupilSamples, Sample};
 use super::system::System;
 use super::train::Train;
 use camrig_base::Spectrum;
@@ -116,6 +116,31 @@ pub fn field_points(
         })
         .collect();
     Ok(points?.concat())
+}
+
+/// sin²θ against the axis of the light that reaches the image from a field (degrees), at the
+/// reference wavelength: the middles of `count` equal shares of its power, in rising order.
+///
+/// # Errors
+/// Rays that are lost; lenses that are not rotationally symmetric.
+pub fn sin2_at_image(system: &System, field_deg: f64, count: usize) -> Result<Vec<f64>> {
+    let train = system.at(system.prescription.reference_nm)?;
+    let beam = Beam::aim(&train, field_deg)?;
+    let samples = PupilSamples::trace(&beam, &beam.fine_outline()?, WAVEFRONT_CELLS);
+    let sin2 = |s: &Sample| s.direction[0] * s.direction[0] + s.direction[1] * s.direction[1];
+    let mut rays: Vec<(f64, f64)> = samples.rays.iter().map(|s| (sin2(s), s.power)).collect();
+    rays.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = rays.iter().map(|ray| ray.1).sum();
+    let (mut ray, mut below) = (0, 0.0);
+    let middle = |share: usize| {
+        let wanted = (share as f64 + 0.5) / count as f64 * total;
+        while ray + 1 < rays.len() && below + rays[ray].1 < wanted {
+            below += rays[ray].1;
+            ray += 1;
+        }
+        rays[ray].0
+    };
+    Ok((0..count).map(middle).collect())
 }
 
 /// The lens at each wavelength, with the solid angle of its pupil as seen from the axial image

@@ -6,7 +6,7 @@
 //! a cut-off tail has more, and the code below it fewer; with tails heavier than a Gaussian's,
 //! both have more. The test is applied to the lowest code above a few defective pixels.
 
-use super::codes::{BitsSeen, Codes};
+use super::codes::{CodeCounts, Codes};
 use super::moments::SATURATED_SHARE;
 use camrig_base::Result;
 use camrig_base::Value;
@@ -30,24 +30,14 @@ pub struct CutOff {
 }
 
 impl CutOff {
-    /// Tests a frame whose colour pattern repeats every `period` rows. `None` where it is not cut
-    /// off, where it is cut off at 0 DN (see [`Moments::zeros`](super::moments::Moments)), or
-    /// where too few codes occur.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
-    pub fn of(frame: &StoredFrame, period: usize) -> Result<Option<Self>> {
-        Ok(Self::of_samples(&some_rows(frame, period)?))
-    }
-
-    fn of_samples(samples: &[u16]) -> Option<Self> {
+    /// Tests rows of a frame. `None` where it is not cut off, where it is cut off at 0 DN (see
+    /// [`Moments::zeros`](super::moments::Moments)), or where too few codes occur.
+    pub fn of(samples: &[u16]) -> Option<Self> {
         let mut counts = vec![0u32; 1 << 16];
-        let (first, mut varied) = (*samples.first()?, 0);
         for &v in samples {
             counts[usize::from(v)] += 1;
-            varied |= v ^ first;
         }
-        let step = Codes::of([BitsSeen::new(first, varied)]).step_dn as usize;
+        let step = Codes::of([&CodeCounts::of(samples, u16::MAX)]).step_dn as usize;
         let all = samples.len() as f64;
         let mut below = 0.0;
         let lowest = counts.iter().position(|&n| {
@@ -93,7 +83,10 @@ fn below_of([n1, n2, n3]: [f64; 3]) -> Value {
 }
 
 /// Rows of a frame in whole periods, evenly spread over it.
-fn some_rows(frame: &StoredFrame, period: usize) -> Result<Vec<u16>> {
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn some_rows(frame: &StoredFrame, period: usize) -> Result<Vec<u16>> {
     let periods = (frame.height / period).max(1);
     let rows = period.min(frame.height);
     let taken = (SAMPLES / (rows * frame.width)).clamp(1, periods);
@@ -121,13 +114,13 @@ mod tests {
     fn a_cut_is_found_at_any_code_and_only_where_there_is_one() {
         for (sigma, step) in [(0.2, 1.0), (0.5, 1.0), (1.0, 4.0), (2.0, 1.0), (9.0, 1.0)] {
             let mut whole = noise(sigma, step);
-            assert_eq!(CutOff::of_samples(&whole), None, "{sigma} {step}");
+            assert_eq!(CutOff::of(&whole), None, "{sigma} {step}");
             // Two dead pixels do not matter.
             whole[..2].fill(0);
-            assert_eq!(CutOff::of_samples(&whole), None, "{sigma} {step}");
+            assert_eq!(CutOff::of(&whole), None, "{sigma} {step}");
             let cut: Vec<u16> =
                 whole.iter().map(|&v| if v == 0 { 0 } else { v.max(64) }).collect();
-            let found = CutOff::of_samples(&cut);
+            let found = CutOff::of(&cut);
             if sigma < 1.0 {
                 // Three codes are too few.
                 assert_eq!(found, None, "{sigma} {step}");
@@ -137,11 +130,11 @@ mod tests {
             assert_eq!(found.code_dn, 64, "{sigma} {step}");
             assert!(found.share > 1.5 * found.expected, "{found:?}");
         }
-        assert_eq!(CutOff::of_samples(&[64; 1000]), None);
+        assert_eq!(CutOff::of(&[64; 1000]), None);
         // A real dark of an IMX541, whose tails are wider than a Gaussian's.
         let counts = [5, 4, 3, 3, 18, 24, 116, 2814, 28_319, 85_325, 64_886, 13_992, 939, 68];
         let codes = (1..).zip(counts).flat_map(|(code, n)| std::iter::repeat_n(code, n));
-        assert_eq!(CutOff::of_samples(&codes.collect::<Vec<u16>>()), None);
-        assert_eq!(CutOff::of_samples(&[]), None);
+        assert_eq!(CutOff::of(&codes.collect::<Vec<u16>>()), None);
+        assert_eq!(CutOff::of(&[]), None);
     }
 }

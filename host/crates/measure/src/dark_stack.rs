@@ -108,7 +108,7 @@ pub fn channels_of(frames: &[RawFrame]) -> Result<Vec<DarkChannel>> {
     if stack.frames < 2 {
         return Err(Error::input("noise is the difference between frames: two at least"));
     }
-    let (codes, first) = (Codes::of([stack.seen]), &frames[0]);
+    let (codes, first) = (Codes::of([&stack.codes]), &frames[0]);
     let channels = 0..first.cfa.channels().len();
     let of = |c| DarkChannel::of(&stack.channel_moments(c), &codes, first.white_level_dn);
     Ok(channels.map(of).collect())
@@ -191,7 +191,7 @@ pub fn of_capture(set: &CaptureSet, capture: &Capture) -> Result<DarkStack> {
     }
     copies::refuse(set, capture, &stack)?;
     let m = Moments::pool(&stack.moments);
-    let codes = Codes::of([stack.seen]);
+    let codes = Codes::of([&stack.codes]);
     let mut notes: Vec<String> = codes.note().into_iter().collect();
     let lines = Lines::read(set, capture)?;
     let [row_noise_dn, column_noise_dn] = lines.noise(&stack, m.temporal);

@@ -1,7 +1,7 @@
 //! The dark and flat stacks of a capture set as levels: conditions and moments, for photon
 //! transfer and EMVA 1288.
 
-use super::codes::{BitsSeen, Codes};
+use super::codes::{CodeCounts, Codes};
 use super::cut_off::CutOff;
 use super::moments::Moments;
 use super::stack::Stack;
@@ -37,15 +37,15 @@ pub struct Level {
     pub photons: Option<f64>,
     /// Moments of each channel.
     pub channels: Vec<Moments>,
-    /// Bits in which the samples vary.
-    pub seen: BitsSeen,
+    /// Codes of rows of the first frame.
+    pub codes: CodeCounts,
     /// Whether the samples of a dark are cut off, and where.
     pub cut_off: Option<CutOff>,
 }
 
 /// The codes of the samples of these levels.
 pub fn codes(darks: &[Level], flats: &[Level]) -> Codes {
-    Codes::of(darks.iter().chain(flats).map(|level| level.seen))
+    Codes::of(darks.iter().chain(flats).map(|level| &level.codes))
 }
 
 /// Captures of one analog gain and, for flats, one kind of light, chosen for a photon transfer.
@@ -137,7 +137,7 @@ impl Level {
             light: capture.light.clone(),
             photons: photons(set, capture),
             channels: (0..channels).map(|c| stack.channel_moments(c)).collect(),
-            seen: stack.seen,
+            codes: stack.codes.clone(),
             cut_off: stack.cut_off,
         }
     }

@@ -28,7 +28,7 @@ pub struct Patch {
     /// CIELAB in the picture, scaled.
     pub lab: [f64; 3],
     /// Difference, ΔE2000.
-    pub delta_e_2000: f64,
+    pub delta_e_2000: Value,
 }
 
 /// Mean and largest difference of patches, ΔE2000.
@@ -44,7 +44,7 @@ impl ColourError {
     /// Of patches. A simulated chart has no standard error of its colours.
     #[must_use]
     pub fn of(patches: &[Patch]) -> Self {
-        let all = || patches.iter().map(|p| p.delta_e_2000);
+        let all = || patches.iter().map(|p| p.delta_e_2000.value);
         Self {
             delta_e_2000_mean: Value::chosen(all().sum::<f64>() / patches.len() as f64),
             delta_e_2000_max: Value::chosen(all().fold(0.0, f64::max)),
@@ -109,7 +109,8 @@ pub fn colours(picture: &Plane<[f64; 3]>, card: Card) -> Result<Vec<Patch>> {
         .enumerate()
         .map(|(i, (truth, found))| {
             let (true_lab, lab) = (lab(*truth, white), lab(found.map(|v| v * scale), white));
-            Patch { number: i + 1, true_lab, lab, delta_e_2000: delta_e_2000(true_lab, lab) }
+            let delta_e_2000 = Value::chosen(delta_e_2000(true_lab, lab));
+            Patch { number: i + 1, true_lab, lab, delta_e_2000 }
         })
         .collect())
 }
@@ -149,12 +150,12 @@ mod tests {
             }
         }
         let patches = colours(&picture, card).unwrap();
-        assert!(patches.iter().all(|p| p.delta_e_2000 < 1e-6), "{patches:?}");
+        assert!(patches.iter().all(|p| p.delta_e_2000.value < 1e-6), "{patches:?}");
         // A missing border has no effect.
         let cut = Plane::from_fn(width - 16, height - 16, |x, y| picture.at(x + 8, y + 8));
-        assert!(colours(&cut, card).unwrap().iter().all(|p| p.delta_e_2000 < 1e-6));
+        assert!(colours(&cut, card).unwrap().iter().all(|p| p.delta_e_2000.value < 1e-6));
         picture.data.iter_mut().for_each(|p| p[0] *= 1.2);
-        assert!(colours(&picture, card).unwrap().iter().any(|p| p.delta_e_2000 > 3.0));
+        assert!(colours(&picture, card).unwrap().iter().any(|p| p.delta_e_2000.value > 3.0));
         assert!(colours(&Plane::filled(20, 10, [0.5; 3]), card).is_err());
     }
 }

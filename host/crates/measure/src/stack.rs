@@ -4,8 +4,8 @@
 //! are summed as integers, so that the moments do not depend on batches or threads. Frames stored
 //! uncompressed need only the memory of the current strips, independent of the length of the stack.
 
-use super::codes::BitsSeen;
-use super::cut_off::CutOff;
+use super::codes::CodeCounts;
+use super::cut_off::{CutOff, some_rows};
 use super::moments::Moments;
 use super::site::Site;
 use super::sums::Sums;
@@ -31,8 +31,8 @@ pub struct Stack {
     pub frame_means: Vec<Vec<f64>>,
     /// Moments of each site.
     pub moments: Vec<Moments>,
-    /// Bits in which the samples vary.
-    pub seen: BitsSeen,
+    /// Codes of rows of the first frame.
+    pub codes: CodeCounts,
     /// Whether the samples of a dark are cut off, and where.
     pub cut_off: Option<CutOff>,
     /// For each frame, a hash of its sums, equal for copies.
@@ -81,7 +81,8 @@ impl Stack {
             frames.iter().map(|f| StoredFrame::new(f.plane(), place.clone())).collect();
         let mut sums = Self::sums(&sensor, &first.cfa)?;
         sums.add(&stored, &sensor, false, true)?;
-        Ok(Self::of_sums(sums, &first.cfa, None, false))
+        let codes = CodeCounts::of(&first.data, first.white_level_dn);
+        Ok(Self::of_sums(sums, &first.cfa, (codes, None), false))
     }
 
     /// Empty sums over the frames of a sensor.
@@ -95,7 +96,12 @@ impl Stack {
         Ok(Sums::new(width, height, Site::all(cfa), sensor.white_level_dn))
     }
 
-    fn of_sums(mut sums: Sums, cfa: &Cfa, cut_off: Option<CutOff>, keep: bool) -> Self {
+    fn of_sums(
+        mut sums: Sums,
+        cfa: &Cfa,
+        (codes, cut_off): (CodeCounts, Option<CutOff>),
+        keep: bool,
+    ) -> Self {
         let [width, height] = sums.size();
         Self {
             width,
@@ -104,7 +110,7 @@ impl Stack {
             frame_means: sums.frame_means(),
             moments: sums.moments(),
             sites: Site::all(cfa),
-            seen: sums.seen,
+            codes,
             cut_off,
             marks: std::mem::take(&mut sums.marks),
             sum: if keep { sums.into_pixel_sums() } else { Vec::new() },
@@ -116,16 +122,19 @@ impl Stack {
         let place = |e: Error| e.at(format!("capture {:?}", capture.id));
         let mut batches = Batches::new(&set.sensor, capture);
         let mut sums = Self::sums(&set.sensor, &cfa)?;
-        let mut cut_off = None;
+        let (mut codes, mut cut_off) = (CodeCounts::default(), None);
         while !batches.is_empty() {
             let frames = batches.next_batch().map_err(place)?;
-            if capture.role == Role::Dark && sums.frames == 0 {
-                cut_off = CutOff::of(&frames[0], cfa.height).map_err(place)?;
+            if sums.frames == 0 {
+                let rows = some_rows(&frames[0], cfa.height).map_err(place)?;
+                codes = CodeCounts::of(&rows, set.sensor.white_level_dn);
+                cut_off =
+                    Some(&rows).filter(|_| capture.role == Role::Dark).and_then(|r| CutOff::of(r));
             }
             let whole = batches.is_empty() && sums.frames == 0;
             sums.add(&frames, &set.sensor, keep || !whole, whole).map_err(place)?;
         }
-        Ok(Self::of_sums(sums, &cfa, cut_off, keep))
+        Ok(Self::of_sums(sums, &cfa, (codes, cut_off), keep))
     }
 
     /// Mean over the frames of a pixel, DN.

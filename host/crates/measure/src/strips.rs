@@ -78,17 +78,15 @@ pub struct SiteSums {
     pub low: u16,
     /// Largest sample.
     pub high: u16,
-    /// Bits in which samples differ from the first.
-    pub varied: u16,
 }
 
 /// Sums of the samples of some rows of frames `width` wide, with a pattern of `step_x` columns and
 /// `step_y` rows.
 pub fn sums(samples: &[u16], (width, step_x, step_y): (usize, usize, usize)) -> SiteSums {
     let mut lanes = vec![[0; SAMPLE_LANES]; step_y];
-    let (low, high, varied) = sum_lanes(samples, width, &mut lanes);
+    let (low, high) = sum_lanes(samples, width, &mut lanes);
     let sums = lanes.iter().flat_map(|lanes| to_sites(lanes, step_x)).collect();
-    SiteSums { sums, low, high, varied }
+    SiteSums { sums, low, high }
 }
 
 /// Numbers of samples of some rows that lie from `low` to `high`.
@@ -111,9 +109,8 @@ fn to_sites<T: Copy + Into<f64>>(lanes: &[T], step_x: usize) -> impl Iterator<It
 /// Adds rows to the lanes of their row of the pattern. The samples of a strip do not overflow a
 /// lane.
 #[vectorised]
-fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) -> (u16, u16, u16) {
+fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) -> (u16, u16) {
     let (mut low, mut high) = ([u16::MAX; SAMPLE_LANES], [0; SAMPLE_LANES]);
-    let (first, mut varied) = (samples.first().copied().unwrap_or(0), [0; SAMPLE_LANES]);
     let step_y = sums.len();
     for (y, row) in samples.chunks_exact(width).enumerate() {
         let sums = &mut sums[y % step_y];
@@ -123,19 +120,16 @@ fn sum_lanes(samples: &[u16], width: usize, sums: &mut [[u32; SAMPLE_LANES]]) ->
                 sums[i] += u32::from(chunk[i]);
                 low[i] = low[i].min(chunk[i]);
                 high[i] = high[i].max(chunk[i]);
-                varied[i] |= chunk[i] ^ first;
             }
         }
         for (i, &v) in rest.iter().enumerate() {
             sums[i] += u32::from(v);
             low[i] = low[i].min(v);
             high[i] = high[i].max(v);
-            varied[i] |= v ^ first;
         }
     }
     let low = low.iter().fold(u16::MAX, |a, &b| a.min(b));
-    let varied = varied.iter().fold(0, |a, &b| a | b);
-    (low, high.iter().fold(0, |a, &b| a.max(b)), varied)
+    (low, high.iter().fold(0, |a, &b| a.max(b)))
 }
 
 #[vectorised]
@@ -288,7 +282,7 @@ mod tests {
         add(&[&frames[2]], false, &mut sum, &mut sum_sq);
         let shape = (width, step_x, step_y);
         let m = StripMoments::of(3, shape, &sum, &sum_sq);
-        let SiteSums { sums: totals, low, high, varied } = sums(&frames[1], shape);
+        let SiteSums { sums: totals, low, high } = sums(&frames[1], shape);
         let some = counts(&frames[1], shape, (100, 1000));
         for site in 0..step_x * step_y {
             let (x0, y0) = (site % step_x, site / step_x);
@@ -314,7 +308,6 @@ mod tests {
         }
         let range = (frames[1].iter().min(), frames[1].iter().max());
         assert_eq!((Some(&low), Some(&high)), range);
-        assert_eq!(varied, frames[1].iter().fold(0, |bits, v| bits | (v ^ frames[1][0])));
         let row: f64 = (0..width).step_by(2).map(|x| f64::from(sum[4 * width + x])).sum();
         assert_eq!(m.rows[4 * step_x], row);
     }

@@ -1,6 +1,5 @@
 //! The sums over a stack while it is read, and the moments that follow from them.
 
-use super::codes::BitsSeen;
 use super::moments::Moments;
 use super::site::Site;
 use super::spatial::PlaneMoments;
@@ -22,8 +21,6 @@ pub struct Sums {
     white: u16,
     /// Number of frames added.
     pub frames: usize,
-    /// Bits in which the samples vary.
-    pub seen: BitsSeen,
     /// For each frame, a hash of its sums, equal for copies.
     pub marks: Vec<u64>,
     /// Sums of the pixels, where they are kept beyond a batch.
@@ -53,7 +50,6 @@ struct Tally {
     whites: Option<Vec<f64>>,
     beyond_white: Option<Vec<f64>>,
     largest: u16,
-    seen: BitsSeen,
 }
 
 impl Sums {
@@ -64,7 +60,6 @@ impl Sums {
             height,
             white,
             frames: 0,
-            seen: BitsSeen::default(),
             marks: Vec::new(),
             sum: Vec::new(),
             sum_sq: Vec::new(),
@@ -152,7 +147,6 @@ impl Sums {
             let of_strips = || done.iter().map(|d| &d.0[f]);
             let largest = of_strips().map(|t| t.largest).max().unwrap_or(0);
             frame.check_largest(sensor, largest)?;
-            self.seen = of_strips().fold(self.seen, |seen, t| seen.and(t.seen));
             self.marks.push(mark(of_strips()));
             for site in 0..self.sites.len() {
                 self.frame_sums[site].push(of_strips().map(|t| t.sums[site]).sum());
@@ -278,7 +272,7 @@ fn own_unless_kept<'a, T: Copy + Default>(
 
 impl Tally {
     fn of(samples: &[u16], shape: (usize, usize, usize), white: u16) -> Self {
-        let strips::SiteSums { sums, low, high, varied } = strips::sums(samples, shape);
+        let strips::SiteSums { sums, low, high } = strips::sums(samples, shape);
         let counted = |low, high| strips::counts(samples, shape, (low, high));
         Self {
             sums,
@@ -286,7 +280,6 @@ impl Tally {
             whites: (high >= white).then(|| counted(white, u16::MAX)),
             beyond_white: (high > white).then(|| counted(white + 1, u16::MAX)),
             largest: high,
-            seen: samples.first().map_or(BitsSeen::default(), |&v| BitsSeen::new(v, varied)),
         }
     }
 }

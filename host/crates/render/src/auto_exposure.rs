@@ -16,7 +16,8 @@ pub enum Brightness {
     /// keep a quarter of a stop.
     Highlights,
     /// The mean of the green channel (of all, where none is green) is this share of the range
-    /// above black.
+    /// above black. Where that clips the highlights of a channel (more than 0.1 % of its samples
+    /// saturate), as `Highlights`.
     Mean(f64),
 }
 
@@ -39,8 +40,19 @@ const STEP: f64 = 4.0;
 const SATURATED: f64 = 0.97;
 const BLACK: f64 = 0.01;
 
-/// The exposure time, s, for irradiance on the sensor at analog gain `gain` (the camera file's
-/// unless given).
+/// An exposure time that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Found {
+    /// The exposure time, s.
+    pub exposure_s: f64,
+    /// The exposure, s, that has the mean that was asked for, where it clips the highlights of a
+    /// channel: the exposure is that of [`Brightness::Highlights`] then.
+    pub clipping_s: Option<f64>,
+}
+
+/// The exposure time for irradiance on the sensor at analog gain `gain` (the camera file's unless
+/// given).
 ///
 /// # Errors
 /// A share that is not between 0 and 1; light that no exposure from 1 µs to a minute brings to
@@ -51,7 +63,24 @@ pub fn exposure_s(
     cube: &IrradianceCube,
     gain: Option<f64>,
     brightness: Brightness,
-) -> Result<f64> {
+) -> Result<Found> {
+    let (exposure_s, frame) = search(camera, sensor, cube, gain, brightness)?;
+    let clips = frame.channel_means().iter().any(|channel| channel.saturated > 1.0 - BELOW);
+    if !clips {
+        return Ok(Found { exposure_s, clipping_s: None });
+    }
+    let (shorter_s, _) = search(camera, sensor, cube, gain, Brightness::Highlights)?;
+    Ok(Found { exposure_s: shorter_s, clipping_s: Some(exposure_s) })
+}
+
+/// The exposure time, s, and its last trial.
+fn search(
+    camera: &Camera,
+    sensor: &SimulatedSensor,
+    cube: &IrradianceCube,
+    gain: Option<f64>,
+    brightness: Brightness,
+) -> Result<(f64, RawFrame)> {
     let goal = goal(brightness);
     if !(goal > BLACK && goal < SATURATED) {
         return Err(Error::input(format!("automatic exposure to {goal} of the range"))
@@ -64,7 +93,7 @@ pub fn exposure_s(
         let frame = sensor.frame(cube, &settings)?;
         let factor = correction(&frame, brightness);
         if (1.0 / factor - 1.0).abs() < ENOUGH {
-            return Ok(three_digits(exposure_s));
+            return Ok((three_digits(exposure_s), frame));
         }
         let next = exposure_s * factor;
         if next < shortest || next > longest {
@@ -137,32 +166,42 @@ mod tests {
     use crate::{SceneLight, scene_irradiance};
     use camrig_optics::Options;
 
-    fn exposed(scene: &str, lux: f64, brightness: Brightness) -> Result<(f64, RawFrame)> {
+    fn exposed(scene: &str, lux: f64, brightness: Brightness) -> Result<(Found, RawFrame)> {
+        exposed_in("D65", scene, lux, brightness)
+    }
+
+    fn exposed_in(
+        light: &str,
+        scene: &str,
+        lux: f64,
+        brightness: Brightness,
+    ) -> Result<(Found, RawFrame)> {
         let mut camera = Camera::load("mt9t012").unwrap();
         (camera.sensor.width, camera.sensor.height) = (64, 48);
-        let light = SceneLight::lux("D65", lux);
+        let light = SceneLight::lux(light, lux);
         let options = Options::default();
         let cube = scene_irradiance(&camera, scene, &light, &options, |_, _| ()).unwrap().cube;
         let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
-        let seconds = exposure_s(&camera, &sensor, &cube, None, brightness)?;
-        let settings = camera.settings(7, seconds, None);
-        Ok((seconds, sensor.frame(&cube, &settings).unwrap()))
+        let found = exposure_s(&camera, &sensor, &cube, None, brightness)?;
+        let settings = camera.settings(7, found.exposure_s, None);
+        Ok((found, sensor.frame(&cube, &settings).unwrap()))
     }
 
     #[test]
     fn frames_have_the_brightness_that_is_asked_for() {
         let mut times = Vec::new();
         for lux in [3.0, 300.0, 30_000.0] {
-            let (seconds, frame) = exposed("colorchecker", lux, Brightness::Highlights).unwrap();
+            let (Found { exposure_s, .. }, frame) =
+                exposed("colorchecker", lux, Brightness::Highlights).unwrap();
             let found = share(&frame, Brightness::Highlights);
             assert!((found - HIGHLIGHTS).abs() < 0.03, "{lux}: {found}");
-            times.push(seconds);
+            times.push(exposure_s);
         }
         // A hundred times the light takes a hundredth of the time.
         assert!((times[1] / times[2] / 100.0 - 1.0).abs() < 0.05, "{times:?}");
         let mean = Brightness::Mean(0.18);
-        let (_, frame) = exposed("colorchecker", 300.0, mean).unwrap();
-        assert!((share(&frame, mean) - 0.18).abs() < 0.01);
+        let (found, frame) = exposed("colorchecker", 300.0, mean).unwrap();
+        assert!((share(&frame, mean) - 0.18).abs() < 0.01 && found.clipping_s.is_none());
         let green = frame.channel_means();
         assert!(green.iter().any(|channel| channel.name.starts_with('g')));
     }
@@ -174,6 +213,23 @@ mod tests {
         for channel in frame.channel_means() {
             assert_eq!(channel.saturated, 0.0, "{}", channel.name);
         }
+    }
+
+    /// In tungsten light, red of the white patch ends before green has its mean; the darker mean
+    /// that fits is the one that was asked for.
+    #[test]
+    fn a_mean_that_clips_a_channel_gives_way_to_the_highlights() {
+        let (mean, highlights) = (Brightness::Mean(0.3), Brightness::Highlights);
+        let (found, frame) = exposed_in("A", "colorchecker", 200.0, mean).unwrap();
+        for channel in frame.channel_means() {
+            assert!(channel.saturated <= 1.0 - BELOW, "{}", channel.name);
+        }
+        let alone = exposed_in("A", "colorchecker", 200.0, highlights).unwrap().0;
+        assert_eq!(found.exposure_s, alone.exposure_s);
+        assert!(found.clipping_s.unwrap() > 1.1 * found.exposure_s, "{found:?}");
+        let darker = Brightness::Mean(0.1);
+        let (found, frame) = exposed_in("A", "colorchecker", 200.0, darker).unwrap();
+        assert!(found.clipping_s.is_none() && (share(&frame, darker) - 0.1).abs() < 0.005);
     }
 
     #[test]

@@ -44,7 +44,7 @@ impl Sight {
     /// Of light on the sensor whose spectrum is the product of curves.
     fn of_light(sensor: &SensorModel, light: &[Spectrum]) -> Self {
         // A filter that moves over the field is seen where it lies at both ends.
-        let most = sensor.filter_angles.zip(sensor.ir_cut.as_ref());
+        let most = sensor.filter_angles.as_ref().zip(sensor.ir_cut.as_ref());
         let most = most.map(|(angles, filter)| angles.moved(filter, angles.most_sin2(sensor)));
         let filters: Vec<Vec<Spectrum>> = match (&sensor.ir_cut, most) {
             (Some(filter), Some(most)) => vec![vec![filter.clone()], vec![most]],

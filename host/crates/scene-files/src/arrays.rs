@@ -79,11 +79,21 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         wavelengths(&arrays.list, &lengths, sidecar, |name| arrays.list_of(name, sidecar))?;
     let stated = arrays.stated_wavelengths(name)?;
     let of_attribute = |attribute: &hdf5::Attribute| {
-        let list = attribute.numbers.as_ref().filter(|list| lengths.contains(&list.len()))?;
-        let nm = in_nm(&attribute.name.to_lowercase(), list)?;
-        Some((format!("attribute {}", attribute.name), nm))
+        let names = || attribute.texts.iter().map(String::as_str);
+        let nm = match &attribute.numbers {
+            Some(list) => in_nm(&attribute.name.to_lowercase(), list),
+            None => units::wavelengths_in(names()).ok().flatten(),
+        };
+        let nm = nm.filter(|nm| lengths.contains(&nm.len()))?;
+        Some((attribute.name.clone(), nm))
     };
-    let wavelengths = wavelengths.or_else(|| stated.iter().find_map(of_attribute));
+    let of_attribute = match &wavelengths {
+        Some(_) => None,
+        None => stated.iter().find_map(of_attribute),
+    };
+    let used_attribute = of_attribute.as_ref().map(|(name, _)| name.clone());
+    let wavelengths =
+        wavelengths.or(of_attribute.map(|(name, nm)| (format!("attribute {name}"), nm)));
     let axes = match (&sidecar.axes, &wavelengths) {
         (Some(axes), _) => axes.clone(),
         (None, Some((_, nm))) => axes_of(name, &lengths, nm.len())?.to_string(),
@@ -104,7 +114,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let other_wavelengths = others.find(is_sure).cloned();
     let mut own = Own { understood, other_wavelengths, ..Own::default() };
-    let scale = arrays.quantity(name, sidecar, &mut own)?;
+    let scale = arrays.quantity(name, used_attribute.as_deref(), sidecar, &mut own)?;
     let source = arrays.cube(name, shape, &axes)?;
     let bands = source.bands();
     let packed = arrays.packing(name, bands, sidecar, &mut own)?;
@@ -286,7 +296,7 @@ pub(super) fn in_nm(name: &str, list: &[f64]) -> Option<Vec<f64>> {
 /// The text of an attribute that names a unit.
 fn unit(attribute: &hdf5::Attribute) -> Option<String> {
     let is_unit = ["unit", "units"].contains(&&*attribute.name.to_lowercase());
-    attribute.text.clone().filter(|_| is_unit)
+    attribute.texts.first().cloned().filter(|_| is_unit)
 }
 
 impl<'a> Arrays<'a> {
@@ -340,19 +350,31 @@ impl<'a> Arrays<'a> {
         }
     }
 
-    /// The attributes of an array and of its file that are wavelengths by their names.
+    /// The attributes of an array and of its file that are wavelengths by their names, or are names
+    /// that state some.
     fn stated_wavelengths(&self, name: &str) -> Result<Vec<hdf5::Attribute>> {
         if self.kind != Kind::Hdf5 {
             return Ok(Vec::new());
         }
         let mut all = self.attributes(name)?;
         all.extend(hdf5::attributes(self.path, None)?);
-        all.retain(|attribute| word_of_wavelengths(&attribute.name).is_some());
+        all.retain(|attribute| {
+            let states = |name: &String| units::wavelength_in(name).is_some();
+            let are_names = attribute.texts.len() > 1 && attribute.texts.iter().any(states);
+            are_names || word_of_wavelengths(&attribute.name).is_some()
+        });
         Ok(all)
     }
 
     /// Finds what the samples are, by the array's name and unit, and what they are multiplied by.
-    fn quantity(&self, name: &str, sidecar: &Sidecar, own: &mut Own) -> Result<Option<f32>> {
+    /// Tells which attributes are not used, beside one that is.
+    fn quantity(
+        &self,
+        name: &str,
+        used: Option<&str>,
+        sidecar: &Sidecar,
+        own: &mut Own,
+    ) -> Result<Option<f32>> {
         let mut attributes = self.attributes(name)?;
         let unit = attributes.iter().find_map(unit).filter(|unit| !unit.trim().is_empty());
         own.quantity = units::quantity_of(name, unit.is_some(), sidecar)?;
@@ -363,7 +385,7 @@ impl<'a> Arrays<'a> {
             }
             None => None,
         };
-        attributes.retain(|attribute| !CF.contains(&&*attribute.name));
+        attributes.retain(|of| !CF.contains(&&*of.name) && used != Some(of.name.as_str()));
         if !attributes.is_empty() {
             let names: Vec<String> = attributes.into_iter().map(|of| of.name).collect();
             let names = names.join(", ");

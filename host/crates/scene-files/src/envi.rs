@@ -80,6 +80,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         })
     });
     let (nm, quantity) = (header.wavelengths(&mut notes)?, quantity.transpose()?);
+    let quantity = quantity.or(header.quantity_of_title());
     let other_wavelengths = header.other_wavelengths();
     let mut own = Own { nm, quantity, other_wavelengths, understood, notes, ..Own::default() };
     let unit = match sidecar.quantity.or(quantity) {

@@ -1,5 +1,6 @@
 //! Headers of ENVI cubes: keys and values in text.
 
+use super::Quantity;
 use super::selection::Stated;
 use super::units;
 use camrig_base::unit::Unit;
@@ -122,9 +123,22 @@ impl Header {
             .help("take one of them out of the header, or give scale=FACTOR instead of the first"))
     }
 
-    /// The unit in the brackets of the title of the values, the second of `z plot titles`.
+    /// Radiance, where the title of the values names it or has a unit of it.
+    pub fn quantity_of_title(&self) -> Option<Quantity> {
+        let title = self.title_of_values()?.to_lowercase();
+        let named = title.contains(Quantity::Radiance.name()) && !title.contains("irradiance");
+        let has_unit = || Unit::parse(self.unit_of_values()?).ok()?.radiance();
+        (named || has_unit().is_some()).then_some(Quantity::Radiance)
+    }
+
+    /// The second of `z plot titles`.
+    fn title_of_values(&self) -> Option<&str> {
+        Some(self.text("z plot titles")?.split_once(',')?.1)
+    }
+
+    /// The unit in the brackets of the title of the values.
     pub fn unit_of_values(&self) -> Option<&str> {
-        let (_, title) = self.text("z plot titles")?.split_once(',')?;
+        let title = self.title_of_values()?;
         let (from, to) = (title.find(['(', '['])? + 1, title.rfind([')', ']'])?);
         title.get(from..to).map(str::trim).filter(|unit| !unit.is_empty())
     }
@@ -197,8 +211,14 @@ impl Header {
         Ok(nm)
     }
 
-    /// A key that is not read and may state wavelengths.
+    /// A key that is not read and may state wavelengths: also names of bands that are rising
+    /// numbers of their size.
     pub fn other_wavelengths(&self) -> Option<String> {
+        let names = self.list("band names").ok().flatten().unwrap_or_default();
+        let like_nm = |nm: &f64| units::NAMED_NM.contains(nm);
+        if names.len() > 1 && names.iter().all(like_nm) && names.is_sorted_by(|a, b| a < b) {
+            return Some("band names".into());
+        }
         let other = |key: &&String| key.contains("wave") && !KNOWN.contains(&key.as_str());
         self.0.keys().find(other).cloned()
     }
@@ -235,9 +255,30 @@ mod tests {
         assert!(notes[0].contains("band names"), "{notes:?}");
         let plural = header("wavelengths = {0.42, 0.43}").wavelengths(&mut notes).unwrap();
         assert_eq!(plural, Some(vec![420.0, 430.0]));
+        // Bare numbers state no unit: they are not assumed, nor are other wavelengths.
+        let numbers = header("band names = {420, 430}");
+        assert_eq!(numbers.wavelengths(&mut notes).unwrap(), None);
+        assert_eq!(numbers.other_wavelengths().as_deref(), Some("band names"));
+        assert_eq!(header("band names = {1, 2}").other_wavelengths(), None);
         let other = header("center wavelengths = {1, 2}");
         assert_eq!(other.wavelengths(&mut notes).unwrap(), None);
         assert_eq!(other.other_wavelengths().as_deref(), Some("center wavelengths"));
+    }
+
+    #[test]
+    fn the_title_of_the_values_says_radiance() {
+        for (title, radiance) in [
+            ("Wavelength (nm), Radiance (uW/cm^2/SR/nm)", true),
+            ("Wavelength, Value [mW/(m2 sr nm)]", true),
+            ("Wavelength, Radiance", true),
+            ("Wavelength, Reflectance (%)", false),
+            ("Wavelength, Irradiance (W/m2/nm)", false),
+            ("Wavelength, Value", false),
+        ] {
+            let header = Header::parse(&format!("ENVI\nz plot titles = {{{title}}}\n")).unwrap();
+            let found = header.quantity_of_title();
+            assert_eq!(found, radiance.then_some(Quantity::Radiance), "{title}");
+        }
     }
 
     #[test]

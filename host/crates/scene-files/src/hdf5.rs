@@ -284,7 +284,8 @@ pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
 #[derive(Clone)]
 pub struct Attribute {
     pub name: String,
-    pub text: Option<String>,
+    /// Its texts, if it has any.
+    pub texts: Vec<String>,
     pub numbers: Option<Vec<f64>>,
 }
 
@@ -299,7 +300,7 @@ pub fn attributes(path: &Path, name: Option<&str>) -> Result<Vec<Attribute>> {
     let attribute = |(name, value): (String, AttrValue)| Attribute {
         name,
         numbers: numbers_of(&value),
-        text: text(value),
+        texts: texts(value),
     };
     let mut found: Vec<Attribute> = all.map_err(refused)?.into_iter().map(attribute).collect();
     found.sort_by(|a, b| a.name.cmp(&b.name));
@@ -331,15 +332,15 @@ fn numbers_of(value: &AttrValue) -> Option<Vec<f64>> {
 }
 
 /// The text of an attribute; none of numbers.
-fn text(value: AttrValue) -> Option<String> {
+fn texts(value: AttrValue) -> Vec<String> {
     use AttrValue as Of;
     match value {
-        Of::String(text) | Of::AsciiString(text) => Some(text),
-        Of::VarLenString(text) | Of::VarLenAsciiString(text) => Some(text),
-        Of::StringSized { value, .. } | Of::AsciiStringSized { value, .. } => Some(value),
-        Of::StringArray(all) | Of::AsciiStringArray(all) => all.into_iter().next(),
-        Of::VarLenStringArray(all) | Of::VarLenAsciiStringArray(all) => all.into_iter().next(),
-        _ => None,
+        Of::String(text) | Of::AsciiString(text) => vec![text],
+        Of::VarLenString(text) | Of::VarLenAsciiString(text) => vec![text],
+        Of::StringSized { value, .. } | Of::AsciiStringSized { value, .. } => vec![value],
+        Of::StringArray(all) | Of::AsciiStringArray(all) => all,
+        Of::VarLenStringArray(all) | Of::VarLenAsciiStringArray(all) => all,
+        _ => Vec::new(),
     }
 }
 

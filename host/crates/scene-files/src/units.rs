@@ -75,7 +75,7 @@ pub fn scale(said_by: &str, unit: &str, sidecar: &Sidecar, own: &mut Own) -> Res
 }
 
 /// Wavelengths that a name may state, nm: others are widths of bands.
-const NAMED_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
+pub const NAMED_NM: std::ops::RangeInclusive<f64> = 200.0..=2500.0;
 
 /// The wavelength in a name such as `450 nm` or `Band 3 (0.45 µm)`, nm; `None` where it states none
 /// or several, as an interval does.
