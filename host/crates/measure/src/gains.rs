@@ -204,6 +204,47 @@ light = { wavelength_nm = 550.0 }
         }
     }
 
+    /// Beyond gain 2, codes are multiplied: system gains grow, and the read noise in electrons stays
+    /// that of gain 2, as rounding before and after the multiplication is subtracted.
+    #[test]
+    fn a_digital_gain_leaves_the_read_noise_in_electrons() {
+        const FULL_WELL_E: f64 = 20_000.0;
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        std::fs::write(
+            path("camera.toml"),
+            format!(
+                "name = \"digital\"\n[lens]\nkind = \"diffraction-limited\"\nf_number = 4\n\
+                 focal_length_mm = 8\nrelative_illumination = \"none\"\n[sensor]\nwidth = 128\n\
+                 height = 96\npitch_um = 5\nfill_factor = 1\ncfa = \"mono\"\nqe = 0.6\n\
+                 full_well_e = {FULL_WELL_E}\nbits = 12\nblack_level_dn = 64\n[sensor.noise]\n\
+                 read_e = 4\ndark_current_e_per_s = 0\nprnu = 0.005\n[sensor.gains]\n\
+                 at = [1, 2]\nread_e = [4, 3]\ndigital_above = 2\n"
+            ),
+        )
+        .unwrap();
+        let plan = PLAN
+            .replace("[1, 2, 4, 8]", "[2, 3, 4, 5]")
+            .replace("exposure_s = [0.0001, 0.2]", "exposure_s = 0.001");
+        std::fs::write(path("plan.toml"), plan.replace("0.4, 0.5, 0.6", "0.35")).unwrap();
+        let camera = Camera::load(path("camera.toml").to_str().unwrap()).unwrap();
+        let shots = plan::load(path("plan.toml").to_str().unwrap()).unwrap();
+        let out = path("set");
+        take::take(&camera, &shots, &out, &take::TakeOptions::default(), || ()).unwrap();
+        let found = measure(&CaptureSet::load(&out).unwrap()).unwrap().unwrap();
+        for at in &found.gains {
+            for (name, value, truth, worst) in [
+                ("read noise", at.read_noise_e, 3.0, 0.01),
+                ("gain", at.system_gain_dn_per_e, 4095.0 / FULL_WELL_E * at.analog_gain, 0.01),
+            ] {
+                let v = value.unwrap();
+                let gain = at.analog_gain;
+                assert!((v.value - truth).abs() < 4.0 * v.std_error, "{name}, {gain}: {v:?}");
+                assert!(v.std_error < worst * truth, "{name}, {gain}: {v:?}");
+            }
+        }
+    }
+
     /// Two conversion gains, the second from 3.333 on, and a digital gain of 2 above 6.667: read
     /// noises that no part before and after one gain stage gives. The table of a camera file is
     /// proposed.

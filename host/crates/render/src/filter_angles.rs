@@ -65,7 +65,7 @@ mod tests {
         );
         std::fs::write(directory.path().join("lens.toml"), lens).unwrap();
         let even = |value: f64| -> String {
-            (3..=11).map(|hundred| format!("{hundred}00,{value}\n")).collect()
+            (15..=55).map(|i| format!("{},{value}\n", 20 * i)).collect()
         };
         let table = |name: &str, header: &str, value: f64| {
             let text = format!("wavelength_nm,{header}\n{}", even(value));
