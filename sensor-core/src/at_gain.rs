@@ -1,7 +1,5 @@
 //! What a sensor is at a gain.
 
-use crate::math;
-
 /// What a sensor is at one gain: [`SensorConfig::at_gain`](crate::config::SensorConfig::at_gain).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -26,10 +24,11 @@ impl AtGain {
     /// Numbers of a place.
     pub const PLACE: usize = 5;
 
-    /// The code after the digital gain.
+    /// The code after the digital gain, halves up as hardware rounds them: rounded to even, their
+    /// errors would follow the signal over twice as many codes, which photon transfer would see.
     pub(crate) fn multiplied(&self, dn: u16, max_dn: u16) -> u16 {
         let black = self.black_level_dn;
         let dn = (f32::from(dn) - black) * self.digital_gain + black;
-        math::round(dn.clamp(0.0, f32::from(max_dn))) as u16
+        (dn.clamp(0.0, f32::from(max_dn)) + 0.5) as u16
     }
 }
