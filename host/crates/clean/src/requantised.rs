@@ -197,7 +197,8 @@ pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer) -> Option<
                  their variance{}. Take raw without compression, or undo the table; the effect \
                  requantised simulates it",
                 match cut {
-                    true => "; they were cut, not rounded, and lie (step − 1)/2 too low in the mean",
+                    true =>
+                        "; they were cut, not rounded, and lie (step − 1)/2 too low in the mean",
                     false => "",
                 }
             ),
