@@ -18,7 +18,8 @@ pub const KEPT_BYTES: usize = 1 << 30;
 pub struct FaultArgs {
     /// Schedule of faults: lines such as `17: drop`, `100-130: freeze`, `140: row 30 corrupt` and
     /// `every 50 from 200: late 4 ms`, by the number of the frame from 0. Others: repeat; black;
-    /// white; rows 10-19 lost; bit errors 1e-5; stuck counter
+    /// white; rows 10-19 lost; bit errors 1e-5; stuck counter; stuck registers (what is written
+    /// before the frame is lost)
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
     /// Write what the schedule did to each frame, a JSON object on a line
@@ -131,6 +132,11 @@ impl<'a> RigFrames<'a> {
     /// The sensor of a frame.
     pub fn sensor(&self, frame: u32) -> &'a SimulatedSensor {
         &self.sensors[frame as usize % self.sensors.len()]
+    }
+
+    /// Whether what is written to the sensor before a frame is lost.
+    pub fn has_stuck_registers(&self, frame: u32) -> bool {
+        self.injection.as_ref().is_some_and(|i| i.faults.has_stuck_registers(frame))
     }
 
     /// The sensor has stood by: what was written takes effect at once.

@@ -323,8 +323,9 @@ impl Source<'_> {
             self.rig.write_register(address::MODE_SELECT, 0)?;
             self.frames.stood_by();
         }
+        let lost = self.frames.has_stuck_registers(order.frame);
         for (i, (register, value)) in wanted.into_iter().enumerate() {
-            if self.written.is_none_or(|written| written[i].1 != value) {
+            if !lost && self.written.is_none_or(|written| written[i].1 != value) {
                 self.rig.write_register(register, value.into())?;
             }
         }

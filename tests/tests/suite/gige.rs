@@ -379,6 +379,27 @@ fn faults_by_schedule_are_in_the_stream_and_in_the_log() {
     assert_eq!(log("streamed.jsonl").lines().collect::<Vec<_>>(), lines);
 }
 
+/// The write before frame 2 is lost; that before frame 4 acts after the sensor's two frames.
+#[test]
+fn writes_to_stuck_registers_are_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |frame, exposure_s| {
+        format!("[[write]]\nbefore_frame = {frame}\nexposure_s = {exposure_s}\n")
+    };
+    let script = [write(0, 0.01), write(2, 0.005), write(4, 0.007)].concat();
+    let script = format!("format = \"rig-script/1\"\n{script}");
+    std::fs::write(folder.path().join("loop.toml"), script).unwrap();
+    std::fs::write(folder.path().join("faults.txt"), "2: stuck registers").unwrap();
+    std::fs::write(folder.path().join("c.toml"), small_camera(SIZE.0, SIZE.1, &[])).unwrap();
+    let arguments = "rig stream emulator: --camera c.toml --scene ramp --script loop.toml \
+                     --frames 7 --faults faults.txt --json";
+    let output = camrig_ok(folder.path(), arguments);
+    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let settings = figures["settings"].as_array().unwrap();
+    let exposures = settings.iter().map(|s| (1e3 * s["exposure_s"].as_f64().unwrap()).round());
+    assert_eq!(exposures.collect::<Vec<_>>(), [10.0, 10.0, 10.0, 10.0, 10.0, 7.0, 7.0]);
+}
+
 #[test]
 fn what_is_no_camera_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -341,6 +341,7 @@ impl Stream<'_> {
         frames.begin(rig)?;
         taken.pace.start();
         for i in 0..self.count {
+            let script = script.filter(|_| !frames.has_stuck_registers(i));
             write_registers(rig, script, i, by_registers)?;
             if !frames.light(rig, i, args.exposure)? {
                 break;

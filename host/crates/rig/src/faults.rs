@@ -22,7 +22,7 @@ use std::time::Duration;
 /// What a schedule may say, for messages.
 const FRAMES: &str = "17, 100-130 or every 50 from 200";
 const KNOWN: &str = "drop; freeze; repeat; black; white; row N corrupt; row N lost; rows A-B lost; \
-                     bit errors RATE; stuck counter; late N ms";
+                     bit errors RATE; stuck counter; stuck registers; late N ms";
 
 /// The frames of an entry.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,6 +61,8 @@ enum What {
     BitErrors(f64),
     /// Its counter is that of the frame before.
     StuckCounter,
+    /// What is written before it to the registers of exposure and gain is lost.
+    StuckRegisters,
     /// It is delivered later.
     Late(Duration),
 }
@@ -121,6 +123,12 @@ impl Faults {
         Ok(Self { entries: entries.collect::<Result<_>>()?, previous: None })
     }
 
+    /// Whether what is written before a frame is lost; who writes asks.
+    pub fn has_stuck_registers(&self, frame: u32) -> bool {
+        let mut entries = self.entries.iter();
+        entries.any(|entry| entry.what == What::StuckRegisters && entry.when.has(frame))
+    }
+
     /// Does to a frame of so many columns and bits what the schedule says, and returns it in words.
     ///
     /// # Errors
@@ -172,7 +180,7 @@ fn act(
     }
     let highest = ((1u32 << rows.bits) - 1) as u16; // of 16 bits at most
     match what {
-        What::Freeze | What::Repeat | What::StuckCounter => {}
+        What::Freeze | What::Repeat | What::StuckCounter | What::StuckRegisters => {}
         What::Drop => (taken.dropped, taken.packed) = (true, Vec::new()),
         What::Late(delay) => std::thread::sleep(*delay),
         What::Filled { high } => {
@@ -282,6 +290,7 @@ fn what(text: &str) -> Option<What> {
             What::BitErrors(rate.parse().ok().filter(|rate| (0.0..=1.0).contains(rate))?)
         }
         ["stuck", "counter"] => What::StuckCounter,
+        ["stuck", "registers"] => What::StuckRegisters,
         ["late", ms, "ms"] => What::Late(Duration::from_millis(number(ms)?.into())),
         _ => return None,
     })
@@ -336,8 +345,10 @@ mod tests {
     fn every_fault_does_to_its_frames_what_it_says() {
         let text = "# a table\n0: freeze\nframe 2: drop\n4-5: freeze; 6: repeat\n7: black\n\
                     8: white\n9: row 1 corrupt; 9: rows 2-3 lost\n\
-                    every 10 from 20: stuck counter\n40: late 1 ms";
+                    every 10 from 20: stuck counter\n40: late 1 ms\n\
+                    41: stuck registers";
         let mut faults = Faults::parse(text, 4).unwrap();
+        assert!(!faults.has_stuck_registers(40) && faults.has_stuck_registers(41));
         let mut at = |number| taken(&mut faults, number);
         let whole =
             |samples: u16, counter: u16, said: &str| (vec![samples; 4], counter, said.to_string());
@@ -357,6 +368,7 @@ mod tests {
         assert_eq!(at(21), whole(21, 21, ""));
         assert_eq!(at(30), whole(30, 21, "stuck counter"));
         assert_eq!(at(40), whole(40, 21, "stuck counter, late 1 ms"));
+        assert_eq!(at(41), whole(41, 41, "stuck registers"));
     }
 
     /// 4 rows of 80 bits at a rate of 0.1 are 32 bits; some bit may be inverted twice.
