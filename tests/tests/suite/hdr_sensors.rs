@@ -291,3 +291,27 @@ fn what_does_not_go_with_several_captures_is_refused() {
         assert!(!folder.path().join("a.npy").exists());
     }
 }
+
+/// One reading is what a model is compared with: a camera with several is refused, and the plain
+/// camera of one capture is not.
+#[test]
+fn a_diagnosis_looks_at_one_capture() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("c.toml"), hdr::camera("split4", SIZE, "captures")).unwrap();
+    std::fs::write(
+        folder.path().join("plan.toml"),
+        "format = \"plan/1\"\n[[stack]]\nid = \"dark\"\nrole = \"dark\"\nframes = 2\n\
+         exposure_s = 0.01\n",
+    )
+    .unwrap();
+    camrig_ok(folder.path(), "capture --camera c.toml --capture hcg --plan plan.toml -o hcg");
+    for command in ["compare c.toml hcg", "diagnose c.toml hcg -o diagnosis"] {
+        let output = camrig(folder.path(), command);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(
+            said.contains("hcg, lcg, small, very-short") && said.contains("camera fit"),
+            "{said}"
+        );
+    }
+}

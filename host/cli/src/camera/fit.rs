@@ -5,13 +5,16 @@ use crate::arguments::positive;
 use crate::captures::opened;
 use crate::diagnose::with_display;
 use crate::measure::plus_minus;
+use camrig_base::output::write_file;
 use camrig_base::{Result, Value};
 use camrig_camera::{Camera, Change};
 use camrig_captures::draft;
 use camrig_captures::{CaptureSet, manifest};
-use camrig_diagnose::compare;
+use camrig_diagnose::candidates::proposal::Proposal;
+use camrig_diagnose::{compare, diagnose};
 use camrig_fit::{Fitted, Options, fit};
-use serde_json::json;
+use camrig_report::measurement;
+use serde_json::{Map, Value as Json, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -47,9 +50,15 @@ pub struct FitArgs {
     /// Name of the camera in raw files and reports [default: that of the file]
     #[arg(long)]
     name: Option<String>,
-    /// Leave out the comparison of the file with the captures
+    /// Leave out the comparison of the file with the captures, and the diagnosis
     #[arg(long)]
     no_compare: bool,
+    /// Leave out the diagnosis, which searches for missing effects where the gap is over its limit
+    #[arg(long)]
+    no_diagnose: bool,
+    /// Also write a page with all values, their errors and sources (HTML)
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -76,38 +85,134 @@ pub fn run(args: &FitArgs) -> Result<ExitCode> {
     }
     let compared = match args.no_compare {
         true => None,
-        false => {
-            let camera = Camera::load(&args.output.to_string_lossy())?;
-            let options = camrig_diagnose::Options::default();
-            Some(with_display(options, None, |options| compare(&camera, set, &options))?)
-        }
+        false => Some(judged(args, &fitted, set)?),
     };
+    let [notes, values] = [json!(fitted.notes), json!(fitted.values())];
+    if let Some(page) = &args.report {
+        let gap = compared.as_ref().map(|c| [c.gap, c.limit]);
+        let page_of = measurement::camera(&options.name, &fitted.values(), &fitted.notes, gap);
+        write_file(page, args.force, page_of.html().as_bytes())?;
+    }
     if args.json {
-        let gap = compared.as_ref().map(|c| json!({ "gap": c.gap, "limit": c.gap_limit }));
-        let object = json!({
-            "camera": args.output, "comparison": gap, "notes": fitted.notes,
-            "values": fitted.values(),
+        let gap = compared.as_ref().map(|c| {
+            json!({
+                "first_gap": c.first_gap, "gap": c.gap, "limit": c.limit, "found": c.found,
+            })
         });
+        let object =
+            json!({ "camera": args.output, "comparison": gap, "notes": notes, "values": values });
         println!("{object}");
     }
     files::tell(&fitted.draft, &args.output, &written);
-    if let Some(found) = compared {
-        if !args.json {
-            println!(
-                "gap {:.2} on held-out frames (1 for the true model; limit {:.2})",
-                found.gap, found.gap_limit
-            );
-        }
-        if !found.agrees {
-            let dot = if args.output.is_absolute() { "" } else { "./" };
-            eprintln!(
-                "next: camrig diagnose {dot}{} {} -o diagnosis",
-                args.output.display(),
-                args.captures.display()
-            );
+    let Some(found) = compared else { return Ok(ExitCode::SUCCESS) };
+    if !args.json {
+        println!(
+            "gap {:.2} on held-out frames (1 for the true model; limit {:.2})",
+            found.first_gap, found.limit
+        );
+        found.found.iter().for_each(|line| println!("  {line}"));
+        if found.gap != found.first_gap {
+            println!("gap {:.2} with what diagnosis found, which is in the file", found.gap);
         }
     }
+    if found.gap > found.limit {
+        let dot = if args.output.is_absolute() { "" } else { "./" };
+        eprintln!(
+            "next: camrig diagnose {dot}{} {} -o diagnosis",
+            args.output.display(),
+            args.captures.display()
+        );
+    }
     Ok(ExitCode::SUCCESS)
+}
+
+/// How far the file is from its captures.
+struct Judged {
+    first_gap: f64,
+    gap: f64,
+    limit: f64,
+    /// What the diagnosis named.
+    found: Vec<String>,
+}
+
+/// Compares the file with the captures, and adds to it what a diagnosis finds where it does not
+/// agree.
+fn judged(args: &FitArgs, fitted: &Fitted, set: CaptureSet) -> Result<Judged> {
+    let file = args.output.to_string_lossy();
+    let camera = Camera::load(&file)?;
+    let options = camrig_diagnose::Options::default();
+    let compared = with_display(options, None, |options| compare(&camera, set.clone(), &options))?;
+    let (first_gap, limit) = (compared.gap, compared.gap_limit);
+    let mut judged = Judged { first_gap, gap: first_gap, limit, found: Vec::new() };
+    if compared.agrees || args.no_diagnose {
+        return Ok(judged);
+    }
+    let options = camrig_diagnose::Options::default();
+    let found = with_display(options, None, |options| diagnose(&camera, set, &options))?;
+    let after = &found.outcome.after;
+    if after.named.is_empty() && found.outcome.shapes.is_empty() {
+        return Ok(judged);
+    }
+    let improved = found.improved_file(&file)?;
+    let text = with_sources(&improved.text, &fitted.values(), &after.named);
+    write_file(&args.output, true, text.as_bytes())?;
+    let folder = args.output.parent().unwrap_or(Path::new(""));
+    for (name, table) in &improved.tables {
+        write_file(&folder.join(name), true, table.as_bytes())?;
+    }
+    let named = |p: &Proposal| {
+        let value = |(key, v): &(&str, Value)| format!("{key} {}", plus_minus(*v));
+        format!("{}: {}", p.kind, p.parameters.iter().map(value).collect::<Vec<_>>().join(", "))
+    };
+    judged.found = after.named.iter().map(named).collect();
+    let shapes = found.outcome.shapes.iter().map(|s| s.description.clone());
+    judged.found.extend(shapes);
+    judged.gap = found.report.gap_after;
+    Ok(judged)
+}
+
+/// The text of a camera file with the source of each value behind it: those of the fit where the
+/// value is still that, else the diagnosis with its error.
+fn with_sources(text: &str, values: &Map<String, Json>, named: &[Proposal]) -> String {
+    let mut out = String::new();
+    let (mut section, mut kind) = (String::new(), String::new());
+    let lines: Vec<&str> = text.lines().collect();
+    for (i, line) in lines.iter().enumerate() {
+        out.push_str(line);
+        if let Some(header) = line.strip_prefix('[') {
+            section = header.trim_matches(['[', ']']).to_string();
+            let block = lines[i + 1..].iter().take_while(|line| !line.starts_with('['));
+            let own = block.filter_map(|line| line.strip_prefix("kind = ")).next();
+            kind = own.unwrap_or_default().trim_matches('"').to_string();
+        }
+        if let Some((key, value)) = line.split_once(" = ").filter(|(key, _)| *key != "kind") {
+            let path = match (section.as_str(), kind.as_str()) {
+                ("", _) => key.to_string(),
+                ("effect", kind) => format!("effect.{kind}.{key}"),
+                (section, _) => format!("{section}.{key}"),
+            };
+            let number: Option<f64> = value.parse().ok();
+            let same = |a: f64| number.is_some_and(|b| (a - b).abs() <= 1e-6 * b.abs());
+            let own = values.get(&path).filter(|own| own["value"].as_f64().is_none_or(same));
+            let parameters = named.iter().flat_map(|p| p.parameters.iter().map(|v| (p.kind, v)));
+            let mut found = parameters.filter(|(of, (name, v))| {
+                same(v.value) && (section != "effect" || (*of == kind && *name == key))
+            });
+            if let Some(own) = own {
+                let word = |field: &str| own[field].as_str().unwrap_or_default();
+                let error =
+                    own["std_error"].as_f64().map_or(String::new(), |e| format!(" ± {e:.2e}"));
+                let basis = word("basis");
+                let comma = if basis.is_empty() { "" } else { ", " };
+                out.push_str(&format!("  # {}{error}{comma}{basis}", word("grade")));
+            } else if let Some((_, (_, v))) = found.next().filter(|(_, (_, v))| v.std_error > 0.0)
+            {
+                out.push_str(&format!("  # measured ± {:.2e}, by diagnosis", v.std_error));
+            }
+        }
+        out.push('\n');
+    }
+    out
 }
 
 /// The set of a folder; without a manifest, that which `camrig captures new` would write.

@@ -23,7 +23,7 @@ pub struct AtGain {
     /// K relative to that of the lowest gain, over the ratio of the nominal gains: 1 where the
     /// nominal gain is right.
     pub gain_ratio: Option<Value>,
-    /// Read noise, input-referred, e⁻.
+    /// Read noise, input-referred, e⁻: without the dark charge's shot noise, if any gain shows that.
     pub read_noise_e: Option<Value>,
     /// Saturation capacity, e⁻.
     pub full_well_e: Option<Value>,
@@ -68,6 +68,7 @@ pub fn measure(set: &CaptureSet) -> Result<Option<Gains>> {
         })
         .collect::<Result<_>>()?;
     let lowest = &each[0];
+    let charge = charge_in_darks(&each);
     let gains: Vec<AtGain> = each
         .iter()
         .enumerate()
@@ -82,12 +83,36 @@ pub fn measure(set: &CaptureSet) -> Result<Option<Gains>> {
                 analog_gain: p.analog_gain,
                 system_gain_dn_per_e: k,
                 gain_ratio: ratio,
-                read_noise_e: p.figures.read_noise_e,
+                read_noise_e: without(p, charge),
                 full_well_e: p.figures.full_well_e,
             }
         })
         .collect();
     Ok(Some(over(gains)))
+}
+
+/// Dark charge of the mean pixel, hot ones included, over the gains that show it, e⁻/s.
+fn charge_in_darks(each: &[Ptc]) -> Option<Value> {
+    let rate = |p: &Ptc| {
+        let f = &p.figures;
+        let hot = f.hot_pixel_fraction.zip(f.hot_pixel_mean_e_per_s);
+        let hot = hot.map_or(0.0, |(share, mean)| share.value * mean.value);
+        f.dark_current_e_per_s.map(|v| Value::new(v.value + hot, v.std_error))
+    };
+    Value::combine(each.iter().filter_map(rate))
+}
+
+/// Read noise at a gain without the shot noise of the dark charge, which is in it where the darks
+/// have one exposure.
+fn without(p: &Ptc, charge: Option<Value>) -> Option<Value> {
+    let read = p.figures.read_noise_e?;
+    let Some(charge) = charge.filter(|_| p.figures.dark_current_e_per_s.is_none()) else {
+        return Some(read);
+    };
+    let variance = read.value * read.value - charge.value.max(0.0) * p.dsnu_exposure_s;
+    let error =
+        libm::hypot(2.0 * read.value * read.std_error, charge.std_error * p.dsnu_exposure_s);
+    Value::new(variance, error).sqrt()
 }
 
 /// `[sensor.gains]` of a camera file from what was measured at each gain.
@@ -243,6 +268,67 @@ light = { wavelength_nm = 550.0 }
                 assert!(v.std_error < worst * truth, "{name}, {gain}: {v:?}");
             }
         }
+    }
+
+    /// Darks of several exposures at one of two gains: their dark charge is no read noise of the
+    /// other. Hot pixels stand apart from the ordinary ones.
+    #[test]
+    fn dark_charge_is_no_read_noise_and_hot_pixels_are_no_spread() {
+        const PLAN: &str = "format = \"plan/1\"
+[[stack]]
+id = \"dark\"
+role = \"dark\"
+frames = 16
+exposure_s = [0.05, 0.5]
+analog_gain = 1
+[[stack]]
+id = \"short\"
+role = \"dark\"
+frames = 16
+exposure_s = 0.05
+analog_gain = 8
+[[stack]]
+id = \"flat\"
+role = \"flat\"
+frames = 8
+exposure_s = 0.05
+analog_gain = [1, 8]
+fill = [0.2, 0.4, 0.6]
+light = { wavelength_nm = 550.0 }
+";
+        let directory = tempfile::tempdir().unwrap();
+        let mut camera = Camera::load("mt9v024").unwrap();
+        (camera.sensor.width, camera.sensor.height) = (128, 96);
+        (camera.sensor.bits, camera.sensor.black_level_dn) = (12, 200.0);
+        let noise = &mut camera.sensor.noise;
+        (noise.dark_current_e_per_s, noise.dsnu_e_per_s) = (200.0, 30.0);
+        (noise.read_e, noise.read_e_post, noise.row_fpn_e) = (6.0, 0.0, 0.0);
+        camera.sensor.temperature_c = noise.temperature_ref_c;
+        let hot = camrig_camera::AnyEffect::new("hot-pixels", &[0.003, 3000.0, 7.0, 25.0]);
+        let Some(camrig_camera::AnyEffect::Sensor(hot)) = hot else { panic!() };
+        camera.effects.push(hot);
+        let file = directory.path().join("plan.toml");
+        std::fs::write(&file, PLAN).unwrap();
+        let shots = plan::load(file.to_str().unwrap()).unwrap();
+        let out = directory.path().join("set");
+        take::take(&camera, &shots, &out, &take::TakeOptions::default(), || ()).unwrap();
+        let set = CaptureSet::load(&out).unwrap();
+        let near = |v: Option<Value>, truth: f64, part: f64| {
+            let v = v.unwrap();
+            assert!((v.value / truth - 1.0).abs() < part, "{v:?} for {truth}");
+        };
+        let gains = measure(&set).unwrap().unwrap();
+        for at in &gains.gains {
+            // Without it, the charge of hot and ordinary pixels would add 10 e-².
+            near(at.read_noise_e, 6.0, 0.03);
+        }
+        let selections = Selection::all(&set);
+        let at_one = selections.iter().find(|s| s.analog_gain == 1.0).unwrap();
+        let found = ptc::of_selection(&set, at_one).unwrap().figures;
+        near(found.dark_current_e_per_s, 200.0, 0.01);
+        near(found.dsnu_e_per_s, 30.0, 0.05);
+        near(found.hot_pixel_fraction, 0.003, 0.4);
+        near(found.hot_pixel_mean_e_per_s, 3000.0, 0.4);
     }
 
     /// Two conversion gains, the second from 3.333 on, and a digital gain of 2 above 6.667: read

@@ -5,6 +5,8 @@ use super::dark::MIN_SPAN;
 use super::site::Site;
 use super::spatial::{PlaneMoments, SpatialVariance};
 use super::stack::Stack;
+use camrig_base::Value;
+use camrig_base::median::{median, robust_sd};
 use rayon::prelude::*;
 
 /// Weighted straight lines `y = offset + slope · x`, one per pixel; `x` (exposure time, signal)
@@ -38,6 +40,31 @@ pub enum Line {
     Offset,
     /// Change per unit of x.
     Slope,
+}
+
+/// Robust standard deviations above the median from which a pixel is hot: one in 1e9 of a Gaussian
+/// pattern.
+const HOT: f64 = 6.0;
+/// Hot pixels from which their law is known.
+const MIN_HOT: f64 = 5.0;
+
+/// The hot pixels of a channel, in units of the slope.
+#[derive(Clone, Debug)]
+pub struct Hot {
+    limits: Vec<Limit>,
+    /// Share of pixels with their exponential law, those of it below the limit included.
+    pub fraction: Value,
+    /// Mean of their exponential law; none of few.
+    pub mean: Option<Value>,
+    /// What they add to the mean over all pixels.
+    pub of_mean: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Limit {
+    site: Site,
+    middle: f64,
+    limit: f64,
 }
 
 /// One channel's share of a stack to add.
@@ -136,10 +163,46 @@ impl LineMaps {
         Some((s.w * s.xz - s.x * s.z) / self.determinant(channel)?)
     }
 
+    /// The pixels of a channel whose slope lies more than [`HOT`] robust standard deviations above
+    /// the median, at each site: hot pixels, where x is the exposure of darks.
+    pub fn hot(&self, channel: usize) -> Option<Hot> {
+        let determinant = Some(self.determinant(channel)?);
+        let slope = |at: usize| self.value(Line::Slope, at, channel, determinant);
+        let (mut limits, mut excess, mut pixels) = (Vec::new(), Vec::new(), 0.0);
+        for site in self.sites.iter().filter(|site| site.channel == channel) {
+            let places = site.pixels(self.width, self.height);
+            let all: Vec<f64> = places.map(|(x, y)| slope(y * self.width + x)).collect();
+            let middle = median(&mut all.clone(), f64::total_cmp);
+            let limit = HOT * robust_sd(all.iter().map(|v| (v - middle) as f32));
+            pixels += all.len() as f64;
+            excess.extend(all.iter().map(|v| v - middle).filter(|v| *v > limit));
+            limits.push(Limit { site: *site, middle, limit });
+        }
+        let count = excess.len() as f64;
+        let sum: f64 = excess.iter().sum();
+        // Of an exponential law the excess over a limit has the law's mean, which is its deviation.
+        let limit = limits.iter().map(|l| l.limit).sum::<f64>() / limits.len() as f64;
+        let mean = sum / count - limit;
+        let mean = (count >= MIN_HOT).then(|| Value::new(mean, mean / count.sqrt()));
+        let above = Value::new(count / pixels, count.max(1.0).sqrt() / pixels);
+        let fraction = above.scaled(mean.map_or(1.0, |m| libm::exp(limit / m.value)));
+        Some(Hot { limits, fraction, mean, of_mean: sum / pixels })
+    }
+
     /// Mean of a coefficient over a channel's pixels, and its variance over them less the temporal
     /// noise of the lines. Where x spans too little, the offset is the pixels' mean and there is
     /// no slope (`None`).
     pub fn spread(&self, line: Line, channel: usize) -> Option<(f64, SpatialVariance)> {
+        self.spread_without(line, channel, None)
+    }
+
+    /// The same with hot pixels at the median of their site.
+    pub fn spread_without(
+        &self,
+        line: Line,
+        channel: usize,
+        hot: Option<&Hot>,
+    ) -> Option<(f64, SpatialVariance)> {
         let s = self.channels[channel];
         s.range?;
         let determinant = self.determinant(channel);
@@ -151,8 +214,13 @@ impl LineMaps {
         let planes: Vec<PlaneMoments> = (self.sites.iter())
             .filter(|site| site.channel == channel)
             .map(|&site| {
+                let hot = hot.and_then(|hot| hot.limits.iter().find(|l| l.site == site));
                 PlaneMoments::of(site, self.width, self.height, |at| {
-                    self.value(line, at, channel, determinant)
+                    let value = self.value(line, at, channel, determinant);
+                    match hot {
+                        Some(own) if value > own.middle + own.limit => own.middle,
+                        _ => value,
+                    }
                 })
             })
             .collect();

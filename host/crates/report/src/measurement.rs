@@ -2,11 +2,12 @@
 
 use super::emva::capitalised;
 use super::numbers::{NOT_DETERMINED, amount, counted, number, with_error};
-use super::page::{KeyFigure, Page, Table};
+use super::page::{KeyFigure, Page, Table, Tone};
 use super::plot::{Colour, Mark, Plot};
 use camrig_captures::CaptureSet;
 use camrig_measure::Value;
 use camrig_measure::{mtf, ptc};
+use serde_json::Value as Json;
 use std::path::Path;
 
 /// Frequency up to which responses are drawn, cycles/pixel.
@@ -51,6 +52,57 @@ pub fn ptc(set: &CaptureSet, result: &ptc::Ptc) -> Page {
     page
 }
 
+/// The page of a camera file that was fitted to captures: `values` has, by key, objects with
+/// `value`, `std_error`, `unit`, `grade` and `basis`; `gap` is that on held-out frames, and its limit.
+pub fn camera(
+    name: &str,
+    values: &serde_json::Map<String, Json>,
+    notes: &[String],
+    gap: Option<[f64; 2]>,
+) -> Page {
+    let mut page = Page::new(name);
+    page.kind("Camera file").subtitle("Values measured on captures, with their sources");
+    let text = |own: &Json| {
+        let unit = own["unit"].as_str().unwrap_or_default();
+        let unit = if unit == "1" { "" } else { unit };
+        match own["value"].as_f64() {
+            Some(value) => amount(value, own["std_error"].as_f64(), unit),
+            None => own["value"].as_str().map_or_else(|| own["value"].to_string(), str::to_string),
+        }
+    };
+    let card = |name: &str, key: &str| {
+        KeyFigure::new(name, &values.get(key).map_or_else(|| NOT_DETERMINED.into(), text))
+    };
+    page.key_figures(&[
+        card("Full well", "sensor.full_well_e"),
+        card("Read noise", "sensor.noise.read_e"),
+        card("Dark current", "sensor.noise.dark_current_e_per_s"),
+        card("PRNU", "sensor.noise.prnu"),
+    ]);
+    if let Some([gap, limit]) = gap {
+        let (tone, word) = match gap <= limit {
+            true => (Tone::Good, "passes"),
+            false => (Tone::Bad, "incomplete"),
+        };
+        let told = format!(
+            "The gap to held-out frames is {} (1 for the true model; limit {}).",
+            number(gap),
+            number(limit)
+        );
+        page.verdict(tone, word, &told);
+    }
+    for note in notes {
+        page.note(&format!("{}.", capitalised(note)));
+    }
+    let mut table = Table::new(&["key", "value", "grade", "basis"]);
+    for (key, own) in values {
+        let word = |field: &str| own[field].as_str().unwrap_or_default().to_string();
+        table.row(vec![key.clone(), text(own), word("grade"), word("basis")]);
+    }
+    page.heading("Values").rows(&table);
+    page
+}
+
 /// The name of a camera's file.
 fn stem(camera: &Path) -> String {
     camera.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
@@ -81,7 +133,7 @@ fn transfer(result: &ptc::Ptc) -> Plot {
 /// Takes a figure from all of a channel or of the sensor.
 type Take = fn(&ptc::Figures) -> &Option<Value>;
 
-const FIGURES: [(&str, &str, Take); 15] = [
+const FIGURES: [(&str, &str, Take); 17] = [
     ("System gain", "DN/e⁻", |f| &f.system_gain_dn_per_e),
     ("Read noise", "e⁻", |f| &f.read_noise_e),
     ("Full well", "e⁻", |f| &f.full_well_e),
@@ -91,6 +143,8 @@ const FIGURES: [(&str, &str, Take); 15] = [
     ("PRNU", "1", |f| &f.prnu),
     ("DSNU", "e⁻", |f| &f.dsnu_e),
     ("Dark current, from means", "e⁻/s", |f| &f.dark_current_e_per_s),
+    ("Hot pixels, share", "", |f| &f.hot_pixel_fraction),
+    ("Hot pixels, mean dark current", "e⁻/s", |f| &f.hot_pixel_mean_e_per_s),
     ("Dark current, from variances", "e⁻/s", |f| &f.dark_current_from_variance_e_per_s),
     ("Dark current non-uniformity", "e⁻/s", |f| &f.dsnu_e_per_s),
     ("Dark current doubles every", "°C", |f| &f.dark_doubling_c),

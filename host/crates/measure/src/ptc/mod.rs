@@ -53,13 +53,18 @@ pub struct Figures {
     pub prnu: Option<Value>,
     /// DSNU: standard deviation over pixels of the dark signal at `dsnu_exposure_s`, e⁻.
     pub dsnu_e: Option<Value>,
-    /// Mean dark current, e⁻/s, from the dark means.
+    /// Mean dark current of the ordinary pixels, e⁻/s, from the dark means.
     pub dark_current_e_per_s: Option<Value>,
     /// Dark current from the dark variances, e⁻/s: that from the means, unless the camera
     /// subtracts its dark current or its noise is not shot noise.
     pub dark_current_from_variance_e_per_s: Option<Value>,
-    /// Standard deviation over pixels of the dark current, e⁻/s.
+    /// Standard deviation over the ordinary pixels of the dark current, e⁻/s.
     pub dsnu_e_per_s: Option<Value>,
+    /// Share of hot pixels, which lie over six standard deviations above the median dark current,
+    /// and of those below by the exponential law of the former.
+    pub hot_pixel_fraction: Option<Value>,
+    /// Mean of their exponential law, e⁻/s.
+    pub hot_pixel_mean_e_per_s: Option<Value>,
     /// Standard deviation over pixels of the offset at zero exposure, without the parts of rows
     /// and columns, e⁻.
     pub pixel_fpn_e: Option<Value>,
@@ -306,7 +311,8 @@ fn figures_of(t: &Transfer, flats: &[Level], channel: usize, white: f64) -> Figu
 /// Adds the spatial figures from the lines of the pixels, in electrons.
 fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, channel: usize) {
     let offsets = darks.spread(Line::Offset, channel);
-    let rates = darks.spread(Line::Slope, channel).map(|s| s.1.total);
+    let hot = darks.hot(channel);
+    let rates = darks.spread_without(Line::Slope, channel, hot.as_ref()).map(|s| s.1.total);
     if let Some((_, SpatialVariance { row, column, pixel, .. })) = offsets {
         f.row_fpn_e = row.sqrt().map(|v| v.scaled(1.0 / k));
         f.column_fpn_e = column.sqrt().map(|v| v.scaled(1.0 / k));
@@ -322,6 +328,13 @@ fn spatial_figures(f: &mut Figures, k: f64, darks: &LineMaps, flats: &LineMaps, 
     }
     if let Some(rates) = rates {
         f.dsnu_e_per_s = rates.sqrt().map(|v| v.scaled(1.0 / k));
+        if let Some(hot) = &hot {
+            f.hot_pixel_fraction = Some(hot.fraction);
+            f.hot_pixel_mean_e_per_s = hot.mean.map(|v| v.scaled(1.0 / k));
+            if let Some(current) = &mut f.dark_current_e_per_s {
+                current.value -= hot.of_mean / k;
+            }
+        }
         if let Some(current) = &mut f.dark_current_e_per_s {
             let population = rates.value.max(0.0) / (k * k) / flats.pixels(channel);
             current.std_error = libm::hypot(current.std_error, population.sqrt());
@@ -400,6 +413,8 @@ fn over_channels(channels: &[ChannelPtc]) -> Figures {
         dark_current_e_per_s: of(|f| f.dark_current_e_per_s),
         dark_current_from_variance_e_per_s: of(|f| f.dark_current_from_variance_e_per_s),
         dsnu_e_per_s: of(|f| f.dsnu_e_per_s),
+        hot_pixel_fraction: of(|f| f.hot_pixel_fraction),
+        hot_pixel_mean_e_per_s: of(|f| f.hot_pixel_mean_e_per_s),
         pixel_fpn_e: of(|f| f.pixel_fpn_e),
         row_fpn_e: of(|f| f.row_fpn_e),
         column_fpn_e: of(|f| f.column_fpn_e),
