@@ -242,3 +242,32 @@ fn every_command_that_takes_a_camera_takes_changes_to_its_file() {
     assert_eq!(compared(black).code(), Some(0));
     assert_eq!(compared("").code(), Some(1));
 }
+
+/// Two DNGs of one camera, at ISO 100 and 800: their tags give gain, read noise and its part behind
+/// the gain stage, with the noise of an effect.
+#[test]
+fn two_raw_files_tell_the_noise_of_their_camera() {
+    let folder = tempfile::tempdir().unwrap();
+    let size = "--set sensor.width=64 --set sensor.height=48 --set sensor.noise.read_e_post=1.5";
+    for (gain, file) in [(1, "iso100.dng"), (8, "iso800.dng")] {
+        camrig_ok(
+            folder.path(),
+            &format!(
+                "simulate --camera mobile {size} --scene uniform:0.2 --exposure 4ms --gain {gain} \
+                 -o {file}"
+            ),
+        );
+    }
+    camrig_ok(
+        folder.path(),
+        "camera new --pitch-um 1.12 --noise iso100.dng iso800.dng -o again.toml",
+    );
+    let again = Camera::load(folder.path().join("again.toml").to_str().unwrap()).unwrap().sensor;
+    let truth = Camera::load("mobile").unwrap().sensor;
+    let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-4, "{a} for {b}");
+    near(again.full_well_e, truth.full_scale_e);
+    near(again.noise.read_e, truth.noise.read_e);
+    near(again.noise.read_e_post, 1.5);
+    near(again.black_level_dn, truth.black_level_dn);
+    assert_eq!((again.width, again.bits, again.cfa), (64, truth.bits, truth.cfa));
+}

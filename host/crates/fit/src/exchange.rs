@@ -121,8 +121,11 @@ fn table(text: &str) -> Result<Vec<Profile>> {
 /// The tags of DNG files of one camera: gain 1 is the lowest ISO among them.
 fn of_dngs(files: &[impl AsRef<Path>]) -> Result<Imported> {
     let mut all: Vec<(u32, Profile, Facts)> = Vec::new();
+    let mut size = None;
     for file in files.iter().map(AsRef::as_ref) {
-        let facts = camrig_formats::read(file).map_err(|e| e.at(file.display()))?.facts;
+        let frames = camrig_formats::read(file).map_err(|e| e.at(file.display()))?;
+        size = size.or(frames.planes.first().map(|plane| [plane.width, plane.height]));
+        let facts = frames.facts;
         let profile = || {
             let dng = facts.dng.as_ref()?;
             let n = dng.noise_profile.len() as f64;
@@ -149,6 +152,10 @@ fn of_dngs(files: &[impl AsRef<Path>]) -> Result<Imported> {
     let mut found = profiles(&all.iter().map(with_gain).collect::<Vec<_>>(), "DNG NoiseProfile")?;
     found.notes.push(format!("gain 1 is ISO {lowest}, the lowest of the files"));
     let from = "DNG";
+    if let Some([width, height]) = size {
+        found.add("sensor.width", width as i64, from);
+        found.add("sensor.height", height as i64, from);
+    }
     if let Some(cfa) = &facts.cfa {
         found.add("sensor.cfa", cfa.to_string(), from);
     }

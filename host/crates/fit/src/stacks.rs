@@ -15,6 +15,9 @@ const MAX_SAMPLES: usize = 1 << 25;
 /// current changes by 10 %.
 const SAME_TEMPERATURE_C: f64 = 1.0;
 
+/// Relative difference of exposures up to which darks are one stack: charge differs by no more.
+const SAME_EXPOSURE: f64 = 0.03;
+
 /// What was measured at one analog gain.
 pub struct AtGain {
     /// The gain as it was stated.
@@ -138,7 +141,7 @@ fn at_gain(
     let counts: usize =
         of_gain.iter().map(|i| set.count(&set.captures[*i])).sum::<Result<usize>>()?;
     let part = middle(facts.width, facts.height, counts, &cleaned.set().cfa());
-    let mut stacks = Vec::new();
+    let mut stacks: Vec<Stack> = Vec::new();
     let mut flats: Vec<(usize, f64)> = Vec::new();
     for i in of_gain {
         let capture = &set.captures[i];
@@ -153,7 +156,14 @@ fn at_gain(
         if capture.role == Role::Flat {
             flats.push((i, saturated(&frames, facts.white_level_dn)));
         }
-        stacks.push(Stack::new(&capture.id, capture.role, capture.exposure_s, frames));
+        let exposure_s = capture.exposure_s;
+        let alike = |s: &&mut Stack| {
+            s.role == Role::Dark && (s.exposure_s - exposure_s).abs() <= SAME_EXPOSURE * exposure_s
+        };
+        match stacks.iter_mut().find(alike).filter(|_| capture.role == Role::Dark) {
+            Some(dark) => dark.frames.extend(frames),
+            None => stacks.push(Stack::new(&capture.id, capture.role, exposure_s, frames)),
+        }
     }
     let photon_transfer = photon_transfer(set, gain)?;
     let below = |(index, (i, share)): (usize, (usize, f64))| {

@@ -304,7 +304,8 @@ light = { wavelength_nm = 550.0 }
         (noise.dark_current_e_per_s, noise.dsnu_e_per_s) = (200.0, 30.0);
         (noise.read_e, noise.read_e_post, noise.row_fpn_e) = (6.0, 0.0, 0.0);
         camera.sensor.temperature_c = noise.temperature_ref_c;
-        let hot = camrig_camera::AnyEffect::new("hot-pixels", &[0.003, 3000.0, 7.0, 25.0]);
+        let at_c = noise.temperature_ref_c as f32;
+        let hot = camrig_camera::AnyEffect::new("hot-pixels", &[0.003, 3000.0, 7.0, at_c]);
         let Some(camrig_camera::AnyEffect::Sensor(hot)) = hot else { panic!() };
         camera.effects.push(hot);
         let file = directory.path().join("plan.toml");

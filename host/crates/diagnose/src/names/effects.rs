@@ -806,7 +806,7 @@ pub(super) fn proposal(
             let had = present("ratio").unwrap_or(1.0);
             Proposal::of(test.effect, strength, [("ratio", ratio.scaled(had))])
         }
-        "dark-current" => {
+        "dark-current" | "dark-current-spread" => {
             let (d, m) = (data.dark_current.as_ref()?, model.dark_current.as_ref()?);
             let noise = &camera.sensor.noise;
             let kelvins = given.temperature_c - noise.temperature_ref_c;
@@ -820,15 +820,11 @@ pub(super) fn proposal(
             };
             let mean = noise.dark_current_e_per_s + more(median_d, median_m) / growth;
             let mean = Value::new(mean.max(0.0), d.median.std_error / gain / growth);
-            let spread = d.variance_within_sites.value / (gain * growth).powi(2)
-                - m.variance_within_sites.value / (gain_of_model * growth).powi(2)
-                + noise.dsnu_e_per_s.powi(2);
-            let spread = Value::new(
-                spread.max(0.0).sqrt(),
-                d.variance_within_sites.sqrt().map_or(0.0, |s| s.std_error / gain / growth),
-            );
+            // As it is, not by what the model has: of one far too wide, half the rates are cut at 0.
+            let spread = d.variance_within_sites.sqrt().unwrap_or(Value::new(0.0, 0.0));
+            let spread = spread.scaled(1.0 / (gain * growth));
             Proposal::of(
-                test.effect,
+                "dark-current",
                 strength,
                 [
                     ("mean_e_per_s", mean),
