@@ -87,10 +87,12 @@ pub fn run(args: &FitArgs) -> Result<ExitCode> {
         true => None,
         false => Some(judged(args, &fitted, set)?),
     };
-    let [notes, values] = [json!(fitted.notes), json!(fitted.values())];
+    let added = compared.iter().flat_map(|c| &c.found);
+    let added = added.map(|line| format!("the diagnosis added to the file: {line}"));
+    let notes: Vec<String> = fitted.notes.iter().cloned().chain(added).collect();
     if let Some(page) = &args.report {
         let gap = compared.as_ref().map(|c| [c.gap, c.limit]);
-        let page_of = measurement::camera(&options.name, &fitted.values(), &fitted.notes, gap);
+        let page_of = measurement::camera(&options.name, &fitted.values(), &notes, gap);
         write_file(page, args.force, page_of.html().as_bytes())?;
     }
     if args.json {
@@ -99,8 +101,10 @@ pub fn run(args: &FitArgs) -> Result<ExitCode> {
                 "first_gap": c.first_gap, "gap": c.gap, "limit": c.limit, "found": c.found,
             })
         });
-        let object =
-            json!({ "camera": args.output, "comparison": gap, "notes": notes, "values": values });
+        let object = json!({
+            "camera": args.output, "comparison": gap, "notes": notes,
+            "values": fitted.values(),
+        });
         println!("{object}");
     }
     files::tell(&fitted.draft, &args.output, &written);

@@ -403,6 +403,14 @@ fn over_channels(channels: &[ChannelPtc]) -> Figures {
         let values: Vec<Value> = channels.iter().filter_map(|c| get(&c.figures)).collect();
         if let [one] = values[..] { Some(one) } else { Value::combine(values) }
     };
+    // Errors of counts grow with these: weighted by them, the mean would be too low.
+    let of_counts = |get: fn(&Figures) -> Option<Value>| {
+        let values: Vec<Value> = channels.iter().filter_map(|c| get(&c.figures)).collect();
+        let n = values.len() as f64;
+        let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
+        let error = values.iter().map(|v| v.std_error * v.std_error).sum::<f64>().sqrt() / n;
+        (!values.is_empty()).then(|| Value::new(mean, error))
+    };
     let mono = channels.len() == 1;
     Figures {
         system_gain_dn_per_e: of(|f| f.system_gain_dn_per_e),
@@ -413,8 +421,8 @@ fn over_channels(channels: &[ChannelPtc]) -> Figures {
         dark_current_e_per_s: of(|f| f.dark_current_e_per_s),
         dark_current_from_variance_e_per_s: of(|f| f.dark_current_from_variance_e_per_s),
         dsnu_e_per_s: of(|f| f.dsnu_e_per_s),
-        hot_pixel_fraction: of(|f| f.hot_pixel_fraction),
-        hot_pixel_mean_e_per_s: of(|f| f.hot_pixel_mean_e_per_s),
+        hot_pixel_fraction: of_counts(|f| f.hot_pixel_fraction),
+        hot_pixel_mean_e_per_s: of_counts(|f| f.hot_pixel_mean_e_per_s),
         pixel_fpn_e: of(|f| f.pixel_fpn_e),
         row_fpn_e: of(|f| f.row_fpn_e),
         column_fpn_e: of(|f| f.column_fpn_e),
