@@ -12,6 +12,7 @@
 
 use camrig_base::{Error, Result};
 use camrig_camera::draft::{Basis, Known};
+use camrig_camera::typical::rounded;
 use camrig_camera::{Camera, Change, Value};
 use camrig_formats::Facts;
 use camrig_linear::{LeastSquares, Matrix, Vector};
@@ -23,6 +24,8 @@ use std::path::Path;
 const MIN_LAMBDA: f64 = -0.22;
 /// Largest sample of the numbers in a tuning file of libcamera.
 const TUNING_TOP: f64 = 65_535.0;
+/// Digits of values that follow from others, beyond which they are rounding.
+const DIGITS: usize = 9;
 /// Gains at which a camera is described for ELD.
 const PLACES: usize = 9;
 
@@ -195,7 +198,7 @@ fn profiles(all: &[Profile], from: &str) -> Result<Imported> {
     let mut found = Imported::default();
     found.add("sensor.bits", bits as i64, from);
     found.add("sensor.black_level_dn", first.black_level_dn, from);
-    found.add("sensor.full_well_e", top / unity, from);
+    found.add("sensor.full_well_e", rounded(top / unity, DIGITS), from);
     let distinct = all.iter().any(|p| p.gain != first.gain);
     let (read, post) = match distinct {
         true => {
@@ -222,8 +225,8 @@ fn profiles(all: &[Profile], from: &str) -> Result<Imported> {
             (read_e2(first).sqrt(), 0.0)
         }
     };
-    found.add("sensor.noise.read_e", read, from);
-    found.add("sensor.noise.read_e_post", post, from);
+    found.add("sensor.noise.read_e", rounded(read, DIGITS), from);
+    found.add("sensor.noise.read_e_post", rounded(post, DIGITS), from);
     Ok(found)
 }
 
