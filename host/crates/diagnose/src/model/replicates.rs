@@ -86,13 +86,16 @@ fn replicated(camera: &Camera, design: &Design, seed: u64) -> Result<Values> {
 }
 
 /// Whether a model's frames may have lines in their spectrum over both frequencies, or no flat one:
-/// periodic noise, light that differs from frame to frame and is seen by pixels of several
-/// colours, noise of any shape.
+/// periodic noise, offsets of every other column or of sites, light that differs from frame to
+/// frame and is seen by pixels of several colours, noise of any shape.
 fn makes_lines(camera: &Camera) -> bool {
     let colour = camera.sensor.channel_names.len() > 1;
-    camera.effects.iter().any(|e| match e.entry().kind {
-        "periodic-pattern-noise" | "empirical" => true,
-        "light-flicker" | "flicker-banding" => colour,
+    camera.effects.iter().any(|e| match e {
+        Effect::PeriodicPatternNoise(_) | Effect::Empirical(_) | Effect::FrameOffsetBySite(_) => {
+            true
+        }
+        Effect::RowTemporalNoise(rows) => rows.opposite_e > 0.0,
+        Effect::LightFlicker(_) | Effect::FlickerBanding(_) => colour,
         _ => false,
     })
 }
