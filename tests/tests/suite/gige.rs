@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 
 /// Longest wait for the server's address, for a frame, and for an answer.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// Time in which an image would have come.
+const QUIET: Duration = Duration::from_secs(1);
 /// Silence after which missing packets are asked for.
 const SILENCE: Duration = Duration::from_millis(20);
 const SIZE: (u32, u32) = (64, 48);
@@ -129,9 +131,11 @@ impl Client {
         assert_eq!(status, 0, "{feature} {value}");
     }
 
-    /// Takes control, and has the stream sent here.
+    /// Takes control, for as long as tests take without a sign of life, and has the stream sent
+    /// here.
     fn take_control(&mut self) {
         self.set(0xA00, 2);
+        self.set(0x938, 600_000);
         self.set(0xD04, 1500);
         self.set(0xD18, u32::from_be_bytes([127, 0, 0, 1]));
         self.set(0xD00, self.stream.local_addr().unwrap().port().into());
@@ -181,10 +185,15 @@ impl Client {
         }
     }
 
-    /// The next whole image; none after two seconds in which no packet came.
-    fn image(&mut self) -> Option<Image> {
-        let (began, mut heard) = (Instant::now(), Instant::now());
-        loop {
+    /// The next whole image.
+    fn image(&mut self) -> Image {
+        self.image_within(PATIENCE).expect("an image")
+    }
+
+    /// The next whole image, if it comes within this time.
+    fn image_within(&mut self, wait: Duration) -> Option<Image> {
+        let began = Instant::now();
+        while began.elapsed() < wait {
             let whole = |(packets, count): &(BTreeMap<u32, Vec<u8>>, Option<u32>)| {
                 count.is_some_and(|count| packets.len() == count as usize)
             };
@@ -196,13 +205,11 @@ impl Client {
                 let bytes = inner.flat_map(|number| packets[&number].clone()).collect();
                 return Some(Image { block, bytes });
             }
-            match self.receive() {
-                true => heard = Instant::now(),
-                false if heard.elapsed() > Duration::from_secs(2) => return None,
-                false => self.ask_again(u64::MAX),
+            if !self.receive() {
+                self.ask_again(u64::MAX);
             }
-            assert!(began.elapsed() < PATIENCE, "no image");
         }
+        None
     }
 }
 
@@ -224,7 +231,7 @@ fn light(folder: &Path) {
 /// Exposure acts after two frames and gain after one, the delays of the rig's registers.
 #[test]
 fn frames_are_those_of_expose_and_settings_act_after_the_sensors_delay() {
-    const COUNT: usize = 40;
+    const COUNT: usize = 100;
     let folder = tempfile::tempdir().unwrap();
     let server = serve(folder.path(), "--scene colorchecker --exposure 5ms --fps 20");
     light(folder.path());
@@ -242,13 +249,13 @@ fn frames_are_those_of_expose_and_settings_act_after_the_sensors_delay() {
     });
     client.set_feature("AcquisitionStart", 1);
     let mut seen = Vec::new();
-    for i in 0..12 {
-        let image = client.image().unwrap();
+    while seen.last() != Some(&2) {
+        let image = client.image();
         let frame = image.block as usize - 1;
-        assert!(frame < COUNT, "this machine is too slow");
+        assert!(frame < COUNT, "{seen:?}");
         let found = expected.iter().position(|frames| frames[frame] == image.bytes);
         seen.push(found.unwrap_or_else(|| panic!("frame {frame} is none of expose's")));
-        if i == 4 {
+        if seen.len() == 5 {
             // Both at once: the addresses are neighbours.
             let address = client.address("ExposureTime");
             assert_eq!(client.address("Gain"), address + 8);
@@ -257,7 +264,7 @@ fn frames_are_those_of_expose_and_settings_act_after_the_sensors_delay() {
             assert_eq!(client.write(address, &data), 0);
         }
     }
-    assert!(seen.is_sorted() && seen[..5] == [0; 5] && seen[11] == 2, "{seen:?}");
+    assert!(seen.is_sorted() && seen[..5] == [0; 5], "{seen:?}");
     assert_eq!(seen.iter().filter(|s| **s == 1).count(), 1, "{seen:?}");
 }
 
@@ -273,7 +280,7 @@ fn packets_that_are_lost_are_repeated_and_no_frame_is() {
         client.extended = extended;
         client.set_float("FaultPacketLoss", 3.0);
         client.set_feature("AcquisitionStart", 1);
-        let images: Vec<Image> = (0..60).map(|_| client.image().unwrap()).collect();
+        let images: Vec<Image> = (0..60).map(|_| client.image()).collect();
         let blocks: BTreeSet<u64> = images.iter().map(|image| image.block).collect();
         let span = blocks.last().unwrap() - blocks.first().unwrap();
         assert_eq!((blocks.len(), span), (60, 59), "{blocks:?}");
@@ -290,19 +297,18 @@ fn one_application_controls_until_it_is_silent() {
     let server = serve(folder.path(), "--scene ramp --fps 50 --collapse");
     let [mut one, mut other] = [(); 2].map(|()| Client::new(&server));
     one.take_control();
-    one.set(0x938, 500);
-    one.set_feature("AcquisitionStart", 1);
-    assert!(one.image().is_some());
     assert_eq!(other.write(0xA00, &[0, 0, 0, 2]), DENIED);
     let exposure = other.address("ExposureTime");
     assert_eq!(other.write(exposure, &5000f64.to_be_bytes()), DENIED);
     assert_eq!(other.read(0xA00, 4), [0, 0, 0, 2], "others read");
-    std::thread::sleep(Duration::from_millis(700));
-    while one.image().is_some() {}
+    one.set_feature("AcquisitionStart", 1);
+    one.set(0x938, 500);
+    one.image();
+    while one.image_within(QUIET).is_some() {}
     assert_eq!(one.read(one.address("AcquisitionStart"), 4), [0; 4]);
     other.take_control();
     other.set_feature("AcquisitionStart", 1);
-    assert!(other.image().is_some());
+    other.image();
     assert_eq!(one.write(0xD00, &[0; 4]), DENIED);
 }
 
@@ -318,11 +324,11 @@ fn a_software_trigger_gives_one_frame_and_faults_act_on_it() {
     client.set_feature("OffsetX", 8);
     client.set_feature("Height", 20);
     client.set_feature("AcquisitionStart", 1);
-    assert!(client.image().is_none(), "none without a trigger");
+    assert!(client.image_within(QUIET).is_none(), "none without a trigger");
     // A triggered sensor stands by between frames: settings act at once.
     client.set_float("ExposureTime", 10_000.0);
     client.set_feature("TriggerSoftware", 1);
-    let image = client.image().unwrap();
+    let image = client.image();
     let entry = client.xml.split("EnumEntry Name=\"").nth(1).unwrap();
     let format = entry.split('"').next().unwrap();
     let options = "--exposure 10ms --roi 8,0,32,20";
@@ -331,9 +337,9 @@ fn a_software_trigger_gives_one_frame_and_faults_act_on_it() {
     // Dropped in the sensor: its number is not used.
     client.set_feature("FaultNextFrame", 1);
     client.set_feature("TriggerSoftware", 1);
-    assert!(client.image().is_none());
+    assert!(client.image_within(QUIET).is_none());
     client.set_feature("TriggerSoftware", 1);
-    assert_eq!(client.image().unwrap().block, 3);
+    assert_eq!(client.image().block, 3);
 }
 
 /// Frames of the schedule are what its log says, in the stream as in `rig stream`.
@@ -354,7 +360,7 @@ fn faults_by_schedule_are_in_the_stream_and_in_the_log() {
     let expected = exposed(folder.path(), &format, "--exposure 5ms", 6);
     let row_bytes = SIZE.0 as usize * 2;
     for frame in [0, 2, 3, 4, 5] {
-        let Image { block, bytes } = client.image().unwrap();
+        let Image { block, bytes } = client.image();
         assert_eq!(block, frame as u64 + 1);
         let wrong = |bytes: &[u8], of: &[u8]| {
             let rows = bytes.chunks(row_bytes).zip(of.chunks(row_bytes)).enumerate();
