@@ -90,7 +90,7 @@ mod tests {
         .unwrap();
         assert_eq!((camera.sensor.noise.read_e, camera.sensor.width), (7.5, 64));
         assert_eq!((camera.name.as_str(), camera.effects.len()), ("mine", 1));
-        assert_eq!(camera.effects[0].values()[..], [0.8, 0.0]);
+        assert_eq!(camera.effects[0].values()[..2], [0.8, 0.0]);
         assert!(camera.text.contains("read_e = 7.5"));
         let timing = camera.sensor.timing.unwrap();
         assert_eq!((timing.line_time_us, timing.shutter), (20.0, crate::Shutter::Global));
