@@ -1,11 +1,10 @@
-//! Fourier transforms. The principal type is [`lanes::Fft`]: many short sequences at once, with the
-//! same bits on every machine; [`plans`] has those of established libraries for analysis.
+//! Fourier transforms with the same bits on every machine. The principal type is [`lanes::Fft`]:
+//! many short sequences at once; [`plans`] has those of established libraries for analysis.
 //!
-//! - [`lanes`] transforms sixteen sequences of f32 side by side. Blurs use it, because their bytes
-//!   must not depend on the processor. Lengths are products of 2, 3 and 5.
-//! - [`plans`] hands out f32 and f64 plans of `rustfft` and `realfft` for any length. They are
-//!   compiled once, here, for all crates; their last bits depend on the processor's instruction
-//!   set.
+//! - [`lanes`] transforms sixteen sequences of f32 side by side, for blurs. Lengths are products of
+//!   2, 3 and 5.
+//! - [`plans`] hands out f32 plans of `rustfft` and `realfft` for any length. They are compiled
+//!   once, here, for all crates.
 //!
 //! Transforms are unscaled: forward X(k) = Σ x(i)·e^(−2πi·ik/n), backward with the opposite sign,
 //! so that there and back multiplies by n. Frequencies are in cycles per n samples.
@@ -28,13 +27,13 @@
 //! ```
 //!
 //! ```
-//! use camrig_fourier::plans::{Complex, Sample};
+//! use camrig_fourier::plans::{Complex, real_forward};
 //!
-//! let plan = f64::real_forward(8);
+//! let plan = real_forward(8);
 //! let mut input = [1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, 0.0];
 //! let mut spectrum = vec![Complex::default(); 5];
 //! plan.process(&mut input, &mut spectrum).expect("buffers of the planned lengths");
-//! assert!((spectrum[2].re - 4.0).abs() < 1e-12);
+//! assert!((spectrum[2].re - 4.0).abs() < 1e-6);
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 

@@ -2,7 +2,7 @@
 
 use super::site::Site;
 use camrig_base::{Error, Result};
-use camrig_fourier::plans::{Complex, Sample};
+use camrig_fourier::plans::{Complex, real_forward};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -158,7 +158,7 @@ fn mean_power(
     length: usize,
     fill: impl Fn(usize, &mut [f32]) + Sync,
 ) -> Result<Vec<f64>> {
-    let plan = f32::real_forward(length);
+    let plan = real_forward(length);
     let worker = || (vec![0.0; BLOCK * length], plan.make_output_vec(), plan.make_scratch_vec());
     let blocks: Vec<Vec<f64>> = (0..lines.div_ceil(BLOCK))
         .into_par_iter()

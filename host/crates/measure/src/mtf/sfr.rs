@@ -4,7 +4,7 @@
 use super::line::{EdgeLine, no_edge};
 use super::{BLOCKS, OVERSAMPLING, Rows, TUKEY_ALPHA, far_sides};
 use camrig_base::{Error, Result, Value};
-use camrig_fourier::plans::Sample;
+use camrig_fourier::plans::real_forward;
 use camrig_fourier::sinc;
 use std::f64::consts::PI;
 
@@ -184,8 +184,9 @@ impl Sfr {
         }
         let padded = (PADDING * count).next_power_of_two();
         lsf.resize(padded, 0.0);
-        let plan = f64::real_forward(padded);
+        let plan = real_forward(padded);
         let mut spectrum = plan.make_output_vec();
+        let mut lsf: Vec<f32> = lsf.iter().map(|v| *v as f32).collect();
         plan.process(&mut lsf, &mut spectrum)
             .map_err(|e| Error::internal(format!("Fourier transform: {e}")))?;
         // The component of the noise at right angles to the response adds its power.
@@ -202,7 +203,7 @@ impl Sfr {
                 break;
             }
             let correction = sinc(2.0 * f * bin) * sinc(f * bin);
-            let power = (value.norm() / correction).powi(2) - out.noise(f);
+            let power = f64::from(value.norm_sqr()) / correction.powi(2) - out.noise(f);
             out.curve.push([f, power.max(0.0).sqrt()]);
         }
         line_from_one(&mut out.curve, 1.0 / spread.half());
