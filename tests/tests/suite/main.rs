@@ -26,6 +26,7 @@ mod measuring;
 mod mosaics;
 mod photon_transfer;
 mod pictures;
+mod powers;
 mod radiometry;
 mod real_data;
 mod scene_frames;

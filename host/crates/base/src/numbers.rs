@@ -12,7 +12,7 @@ pub fn with_error(value: f64, std_error: Option<f64>) -> String {
     let last = std_error.map_or(power(size) - DIGITS + 1, |se| power(se) - 1);
     let scale = if (1e-3..1e4).contains(&size.abs()) { 0 } else { power(size) };
     let digits = usize::try_from(scale - last).unwrap_or(0);
-    let shown = |v: f64| format!("{:.digits$}", v / 10f64.powi(scale));
+    let shown = |v: f64| format!("{:.digits$}", v / libm::pow(10.0, f64::from(scale)));
     let both = match std_error {
         Some(se) => format!("{} ± {}", shown(value), shown(se)),
         None => shown(value),

@@ -222,7 +222,7 @@ impl Unit {
 
     /// A value in this unit, in units of the dimension: in m, nm, 1/cm, Hz, eV, s, J, A, V, lm, sr.
     pub fn of(&self, value: f64) -> f64 {
-        let power = 10f64.powi(self.exponent.abs());
+        let power = libm::pow(10.0, f64::from(self.exponent.abs()));
         let value = value * self.mantissa;
         if self.exponent < 0 { value / power } else { value * power }
     }
@@ -297,7 +297,7 @@ impl Unit {
 
     fn raised(self, power: i32) -> Self {
         Self {
-            mantissa: self.mantissa.powi(power),
+            mantissa: libm::pow(self.mantissa, f64::from(power)),
             exponent: self.exponent * power,
             dimension: self.dimension.map(|of| of * power),
         }
@@ -508,7 +508,7 @@ impl Parser<'_> {
         let power = if self.peek(0) == Some('-') { return None } else { self.power()? };
         Some(match number {
             10.0 => Unit::ONE.with_exponent(power),
-            _ => Unit { mantissa: number.powi(power), ..Unit::ONE },
+            _ => Unit { mantissa: libm::pow(number, f64::from(power)), ..Unit::ONE },
         })
     }
 
@@ -724,7 +724,8 @@ mod tests {
     fn a_product_is_that_of_its_parts() {
         let parts: [(&str, f64, i32); 4] =
             [("mW", 1e-3, 1), ("cm", 1e-2, -2), ("sr", 1.0, -1), ("µm", 1e3, -1)];
-        let expected: f64 = parts.iter().map(|(_, factor, power)| factor.powi(*power)).product();
+        let expected: f64 =
+            parts.iter().map(|(_, factor, power)| libm::pow(*factor, f64::from(*power))).product();
         for turn in 0..4 {
             for between in [" ", ".", "*", "·", " · "] {
                 let mut parts = parts;

@@ -93,7 +93,9 @@ fn sensor(path: &str, known: &Known) -> Option<Rule> {
             let well = FULL_WELL_E * known.pitch_um * root;
             (rounded(well, 2).into(), "4000 e- x (pitch/µm)^1.25, as the built-in sensors")
         }
-        "sensor.black_level_dn" => (2f64.powi(known.bits as i32 - 6).into(), "1/64 of the range"),
+        "sensor.black_level_dn" => {
+            (libm::exp2(f64::from(known.bits) - 6.0).into(), "1/64 of the range")
+        }
         "sensor.analog_gain" => (1.0.into(), "unity"),
         "sensor.temperature_c" => match known.dark {
             Some((_, at)) => (at.into(), "that for which the dark current is known"),

@@ -297,7 +297,7 @@ impl Sensor {
         let [serial, parallel] = self.inefficiency;
         let mut trail = |share: f64, place: &dyn Fn(usize) -> usize, step: usize| {
             for p in (0..charges.len()).rev() {
-                let lost = 1.0 - (1.0 - share).powi(place(p) as i32 + 1);
+                let lost = 1.0 - libm::pow(1.0 - share, place(p) as f64 + 1.0);
                 let left = lost * charges[p];
                 charges[p] -= left;
                 if p + step < charges.len() && place(p + step) == place(p) + 1 {

@@ -5,9 +5,9 @@
 //! paths, which sum in another order on each kind of processor, and the system's sines and cosines,
 //! which differ in the last bits of f64, are rounded to f32.
 
+use realfft::RealFftPlanner;
 pub use realfft::RealToComplex;
 pub use realfft::num_complex::Complex;
-use realfft::RealFftPlanner;
 pub use rustfft::Fft;
 use rustfft::FftPlanner;
 use std::sync::Arc;

@@ -96,7 +96,7 @@ pub fn with_error(value: f64, std_error: Option<f64>) -> String {
     }
     let (_, power) = rounded(size, DIGITS);
     let decimals = (power - last).max(0) as usize;
-    let part = |v: f64| fixed(v / 10f64.powi(power), decimals);
+    let part = |v: f64| fixed(v / libm::pow(10.0, f64::from(power)), decimals);
     format!("({}\u{2009}±\u{2009}{}) · {}", part(value), part(se), power_of_ten(power))
 }
 

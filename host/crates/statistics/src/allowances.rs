@@ -154,7 +154,8 @@ fn scatter(design: &Design, values: &Values, series: &[usize], class: u8) -> Opt
         return None;
     }
     let rows = points.len();
-    let a = Matrix::from_fn(rows, 3, |r, c| (points[r].light / top).powi(c as i32) / points[r].sd);
+    let a =
+        Matrix::from_fn(rows, 3, |r, c| libm::pow(points[r].light / top, c as f64) / points[r].sd);
     let b = Vector::from_fn(rows, |r, _| points[r].ratio / points[r].sd);
     let fit = Singular::of(&a).solve(&b, 1e-12)?;
     let residuals = b - apply(&a, &fit);

@@ -50,7 +50,7 @@ impl Sidecar {
             analog_gain: number("AnalogueGain"),
             temperature_c: number("SensorTemperature"),
             black_share: (!levels.is_empty())
-                .then(|| value("SensorBlackLevels", mean / 2f64.powi(BLACK_BITS))),
+                .then(|| value("SensorBlackLevels", mean / f64::from(1 << BLACK_BITS))),
         }
     }
 }

@@ -320,7 +320,8 @@ fn light_frequency(bands: &[Band]) -> Option<f64> {
             .filter_map(|f| Some((f, depth_squared(bands, f)?.1)))
             .min_by(|a, b| a.1.total_cmp(&b.1))
     };
-    let coarse = best(&mut (0..COARSE).map(|i| LOWEST_HZ * COARSE_RATIO.powi(i)))?.0;
+    let coarse =
+        best(&mut (0..COARSE).map(|i| LOWEST_HZ * libm::pow(COARSE_RATIO, f64::from(i))))?.0;
     let fine = (-FINE..=FINE).map(|i| coarse * (1.0 + FINE_STEP * f64::from(i)));
     let free = best(&mut { fine })?;
     let mains = best(&mut MAINS_HZ.into_iter())?;

@@ -190,7 +190,7 @@ fn along(side: Side, fit: &View<'_>, held_out: &View<'_>) -> Option<Droop> {
         return None;
     }
     let ratio = libm::pow(longest / shortest, 1.0 / (LENGTHS - 1) as f64);
-    let lengths: Vec<f64> = (0..LENGTHS).map(|i| shortest * ratio.powi(i as i32)).collect();
+    let lengths: Vec<f64> = (0..LENGTHS).map(|i| shortest * libm::pow(ratio, i as f64)).collect();
     let tried: Vec<(f64, (Value, f64, f64))> =
         lengths.iter().map(|&l| (l, fitted(&a, l, side.from_end))).collect();
     let &(length, (first, gain, pixels)) = tried.iter().max_by(|x, y| x.1.1.total_cmp(&y.1.1))?;

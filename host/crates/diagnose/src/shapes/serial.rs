@@ -140,7 +140,7 @@ fn periodogram(r: f64, length: usize, bins: usize) -> Vec<f64> {
 /// Variance of the mean of a line of noise r^|Δ| over that of a pixel.
 fn of_mean(r: f64, length: usize) -> f64 {
     let n = length as f64;
-    let pairs = (1..length).map(|d| 2.0 * (1.0 - d as f64 / n) * r.powi(d as i32));
+    let pairs = (1..length).map(|d| 2.0 * (1.0 - d as f64 / n) * libm::pow(r, d as f64));
     (1.0 + pairs.sum::<f64>()) / n
 }
 
@@ -342,7 +342,7 @@ impl Shape for Serial {
         // r^|Δ| by its first coefficients, exact to r⁸, or by its length.
         let (taps, length) = match r > MIN_LENGTH_CORRELATION {
             true => (None, Some(-1.0 / libm::log(r))),
-            false => (Some((0..4).map(|k| r.powi(k)).collect()), None),
+            false => (Some((0..4).map(|k| libm::pow(r, f64::from(k))).collect()), None),
         };
         let noise = Table::Correlation(Noise { along, taps, length });
         vec![Empirical::new(Quantity::Temporal, noise, self.amount_e.value)]

@@ -54,7 +54,7 @@ impl Basis {
         let mut basis = Self(Vec::new());
         let u = |i: usize| (2 * i + 1) as f64 / n as f64 - 1.0;
         for power in 0..=degree {
-            basis.add((0..n).map(|i| u(i).powi(power as i32)).collect());
+            basis.add((0..n).map(|i| libm::pow(u(i), power as f64)).collect());
         }
         for k in 1..=cosines {
             basis.add((0..n).map(|i| libm::cos(PI * k as f64 * (u(i) + 1.0) / 2.0)).collect());

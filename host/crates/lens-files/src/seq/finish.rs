@@ -157,7 +157,7 @@ impl Draft {
             (true, 0.0) => 0.0,
             (true, r) => 1.0 / (r * scale),
         };
-        let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
+        let in_mm = |a: f64, power: usize| a * scale / libm::pow(scale, power as f64);
         let mut even: Vec<f64> =
             self.even.iter().enumerate().map(|(i, a)| in_mm(*a, 2 * i + 2)).collect();
         let mut odd = Vec::new();

@@ -14,7 +14,7 @@ impl Draft {
     /// Gives `surface` the shape of the draft's type; lengths in the file are `scale` mm.
     pub(super) fn shape(&self, surface: &mut Surface, scale: f64) -> Result<()> {
         // A coefficient of r^p, in file units^(1-p).
-        let in_mm = |a: f64, power: usize| a * scale / scale.powi(power as i32);
+        let in_mm = |a: f64, power: usize| a * scale / libm::pow(scale, power as f64);
         match self.kind.as_str() {
             "STANDARD" => {}
             "EVENASPH" => surface.even = self.even_terms(scale),
@@ -96,7 +96,7 @@ impl Draft {
     /// Coefficients of r², r⁴, ... from `PARM 1` on.
     fn even_terms(&self, scale: f64) -> Vec<f64> {
         let terms = self.parameters.iter().zip(1..);
-        terms.map(|(a, i)| a * scale / scale.powi(2 * i)).collect()
+        terms.map(|(a, i)| a * scale / libm::pow(scale, f64::from(2 * i))).collect()
     }
 
     /// How many of the extra data are used, where the number of terms stands at `first`.
@@ -153,7 +153,7 @@ impl Draft {
         }
         surface.form = Form::Toroid { curvature: self.curvature_of(1, scale) };
         surface.even = COEFFICIENTS
-            .map(|i| self.parameter(i) * scale / scale.powi(2 * (i as i32 - 1)))
+            .map(|i| self.parameter(i) * scale / libm::pow(scale, 2.0 * (i as f64 - 1.0)))
             .collect();
         Ok(())
     }

@@ -129,7 +129,9 @@ impl Surface {
 fn terms(degree: usize, x: f64, y: f64) -> Vec<f64> {
     let mut out = Vec::new();
     for total in 0..=degree as i32 {
-        out.extend((0..=total).map(|k| x.powi(total - k) * y.powi(k)));
+        out.extend(
+            (0..=total).map(|k| libm::pow(x, f64::from(total - k)) * libm::pow(y, f64::from(k))),
+        );
     }
     out
 }

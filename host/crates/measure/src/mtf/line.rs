@@ -133,7 +133,7 @@ impl EdgeLine {
             (low, high) = (low + change[0], high + change[1]);
             line.blur = (line.blur * libm::exp(change[2].clamp(-0.5, 0.5))).max(MIN_BLUR * step);
             for (k, c) in line.coefficients.iter_mut().enumerate() {
-                *c += change[k + 3] / reach.powi(k as i32);
+                *c += change[k + 3] / libm::pow(reach, k as f64);
             }
         }
         out.filter(|f| f.line.coefficients.iter().all(|c| c.is_finite()))
@@ -162,7 +162,7 @@ impl EdgeLine {
     pub fn slope(&self, along: f64) -> f64 {
         let t = along - self.middle;
         let terms = self.coefficients.iter().enumerate().skip(1);
-        terms.map(|(k, c)| k as f64 * c * t.powi(k as i32 - 1)).sum()
+        terms.map(|(k, c)| k as f64 * c * libm::pow(t, k as f64 - 1.0)).sum()
     }
 
     /// The edge's position in the middle row: across and along, pixels.
@@ -262,8 +262,8 @@ fn polynomial(points: &[(f64, f64)], order: usize) -> Result<Vec<f64>> {
     // Abscissas are scaled to 1 at most, so that powers stay comparable.
     let range = points.iter().map(|p| p.0.abs()).fold(1.0, f64::max);
     let datum = |&(x, y): &(f64, f64)| {
-        ((0..=order).map(|k| (x / range).powi(k as i32)).collect(), Value::new(y, 1.0))
+        ((0..=order).map(|k| libm::pow(x / range, k as f64)).collect(), Value::new(y, 1.0))
     };
     let fit = Fit::new(&points.iter().map(datum).collect::<Vec<_>>())?;
-    Ok(fit.coefficients.iter().enumerate().map(|(k, c)| c / range.powi(k as i32)).collect())
+    Ok(fit.coefficients.iter().enumerate().map(|(k, c)| c / libm::pow(range, k as f64)).collect())
 }

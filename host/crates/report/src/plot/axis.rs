@@ -61,13 +61,13 @@ impl Axis {
 
 /// The largest 1, 2 or 5 times a power of ten that is not above a value.
 fn round_below(value: f64) -> f64 {
-    let decade = 10f64.powi(libm::log10(value).floor() as i32);
+    let decade = libm::pow(10.0, libm::log10(value).floor());
     [10.0, 5.0, 2.0].map(|m| m * decade).into_iter().find(|v| *v <= value).unwrap_or(decade)
 }
 
 /// The smallest 1, 2 or 5 times a power of ten that is not below a value.
 fn round_above(value: f64) -> f64 {
-    let decade = 10f64.powi(libm::log10(value).floor() as i32);
+    let decade = libm::pow(10.0, libm::log10(value).floor());
     [1.0, 2.0, 5.0].map(|m| m * decade).into_iter().find(|v| *v >= value).unwrap_or(10.0 * decade)
 }
 
@@ -91,7 +91,7 @@ fn whole_steps(low: f64, high: f64, room: usize) -> [f64; 2] {
 /// The smallest step of 1, 2 or 5 with at most `room` steps in a spread.
 fn step_of(spread: f64, room: usize) -> f64 {
     let room = room.max(1) as f64;
-    let decade = 10f64.powi(libm::log10(spread / room).floor() as i32);
+    let decade = libm::pow(10.0, libm::log10(spread / room).floor());
     let steps = [1.0, 2.0, 5.0].map(|m| m * decade);
     steps.into_iter().find(|s| spread / s <= room * (1.0 + 1e-9)).unwrap_or(10.0 * decade)
 }
@@ -140,7 +140,11 @@ fn steps(low: f64, high: f64, room: usize) -> Vec<Tick> {
         k if most < 99_999.5 && power >= -4 => fixed(k * step, (-power).max(0) as usize),
         k => {
             let decimals = (scale - power).max(0) as usize;
-            format!("{}·{}", fixed(k * step / 10f64.powi(scale), decimals), power_of_ten(scale))
+            format!(
+                "{}·{}",
+                fixed(k * step / libm::pow(10.0, f64::from(scale)), decimals),
+                power_of_ten(scale)
+            )
         }
     };
     // Counted by whole numbers: a sum of steps would miss the last tick.
@@ -156,7 +160,7 @@ fn decades(low: f64, high: f64, room: usize) -> Vec<Tick> {
     let mut out = Vec::new();
     for decade in a.floor() as i32..=b.ceil() as i32 {
         for m in 1..10 {
-            let value = f64::from(m) * 10f64.powi(decade);
+            let value = f64::from(m) * libm::pow(10.0, f64::from(decade));
             if !(low * (1.0 - 1e-9)..=high * (1.0 + 1e-9)).contains(&value) {
                 continue;
             }
