@@ -73,6 +73,7 @@ mod view_args;
 
 use camrig_base::{Result, output};
 use clap::{Parser, Subcommand};
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 #[derive(Parser)]
@@ -116,7 +117,12 @@ enum Command {
 
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
-    let Cli { command, quiet } = Cli::parse();
+    main_of(std::env::args_os())
+}
+
+/// Runs the program on arguments, of which the first is its name.
+pub fn main_of(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let Cli { command, quiet } = Cli::parse_from(arguments);
     if quiet {
         stdout::be_quiet();
     }

@@ -2,8 +2,8 @@
 
 use super::{PageArgs, dark, plus_minus};
 use crate::captures::{cleaned, opened};
+use camrig_base::Result;
 use camrig_base::numbers::counted;
-use camrig_base::{Error, Result};
 use camrig_captures::Role;
 use camrig_measure::compare::{Comparison, compare};
 use camrig_measure::figure::object;
@@ -11,7 +11,7 @@ use camrig_measure::{Value, emva, gains, ptc, rates};
 use camrig_report as report;
 use clap::Args as ClapArgs;
 use serde_json::json;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -62,16 +62,7 @@ pub fn ptc_of(args: &WithPage) -> Result<ExitCode> {
     page.write(|| report::measurement::ptc(&set, &result).html())?;
     let gains = gains::measure(&set)?;
     if args.json {
-        let mut object = object(&result.figures)?;
-        if let Some(gains) = &gains {
-            object.append(&mut self::object(gains)?);
-        }
-        let channels = result.channels.iter().map(|c| Ok((c.channel.clone(), self::object(c)?)));
-        object.insert("channels".into(), json!(channels.collect::<Result<BTreeMap<_, _>>>()?));
-        object.insert("analog_gain".into(), json!(result.analog_gain));
-        object.insert("dsnu_exposure_s".into(), json!(result.dsnu_exposure_s));
-        object.insert("notes".into(), json!(result.notes));
-        println!("{}", serde_json::Value::Object(object));
+        println!("{}", serde_json::Value::Object(result.json(gains.as_ref())?));
     } else {
         for note in &result.notes {
             eprintln!("note: {note}");
@@ -111,19 +102,7 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
     args.page.write(|| report::emva::page(&title, &name, &result, &command))?;
     let args = &args.on;
     if args.json {
-        // At the top, the channel with most light, for which the levels were chosen.
-        let signal = |c: &&emva::ChannelEmva| c.levels.iter().map(|l| l.signal_dn).sum();
-        let most = result
-            .channels
-            .iter()
-            .max_by(|a, b| f64::total_cmp(&signal(a), &signal(b)))
-            .ok_or_else(|| Error::input("no channels"))?;
-        let mut object = self::object(&most.figures)?;
-        object.insert("reference_channel".into(), json!(most.channel));
-        let channels = result.channels.iter().map(|c| Ok((c.channel.clone(), self::object(c)?)));
-        object.insert("channels".into(), json!(channels.collect::<Result<BTreeMap<_, _>>>()?));
-        object.insert("warnings".into(), json!(result.warnings));
-        println!("{}", serde_json::Value::Object(object));
+        println!("{}", serde_json::Value::Object(result.json()?));
         return Ok(ExitCode::SUCCESS);
     }
     for warning in &result.warnings {

@@ -4,12 +4,9 @@ use super::plus_minus;
 use crate::captures::opened;
 use camrig_base::output::OutputDir;
 use camrig_base::{Cfa, Error, Result};
-use camrig_captures::{CaptureSet, Role};
-use camrig_measure::Value;
+use camrig_captures::CaptureSet;
 use camrig_measure::dark_stack::{self, DarkStack};
-use camrig_measure::figure;
 use clap::Args as ClapArgs;
-use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -49,7 +46,7 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
         None => dark_stack::of_files(&files(&args.frames)?, cfa)?,
     };
     if args.json {
-        println!("{}", json_of(&found, args.dn_per_e)?);
+        println!("{}", serde_json::Value::Object(found.json(args.dn_per_e)?));
     } else {
         print(&found, args.dn_per_e);
     }
@@ -59,33 +56,17 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
 /// Measures the dark stacks of a capture set. The top level of the JSON object is the shortest of
 /// them, with the least noise of the dark current.
 pub fn of_set(set: &CaptureSet, dn_per_e: Option<f64>, json: bool) -> Result<ExitCode> {
-    let mut darks: Vec<_> = set.with_role(Role::Dark).collect();
-    darks.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
-    let figures: Vec<DarkStack> =
-        darks.iter().map(|c| dark_stack::of_capture(set, c)).collect::<Result<_>>()?;
-    let Some(shortest) = figures.first() else {
-        return Err(Error::input("no dark captures")
-            .help("a capture of role = \"dark\" is a stack without light"));
-    };
-    if !json {
-        for (capture, found) in darks.iter().zip(&figures) {
-            let (id, time, gain) = (&capture.id, capture.exposure_s, capture.analog_gain);
-            print!("{id} ({time} s, analog gain {gain}): ");
-            print(found, dn_per_e);
-        }
+    let darks = dark_stack::of_set(set)?;
+    if json {
+        let object = dark_stack::json_of_set(&darks, dn_per_e)?;
+        println!("{}", serde_json::Value::Object(object));
         return Ok(ExitCode::SUCCESS);
     }
-    let mut all = Vec::new();
-    for (capture, found) in darks.iter().zip(&figures) {
-        let mut one = json_of(found, dn_per_e)?;
-        one["id"] = json!(capture.id);
-        one["exposure_s"] = json!(capture.exposure_s);
-        one["analog_gain"] = json!(capture.analog_gain);
-        all.push(one);
+    for (capture, found) in &darks {
+        let (id, time, gain) = (&capture.id, capture.exposure_s, capture.analog_gain);
+        print!("{id} ({time} s, analog gain {gain}): ");
+        print(found, dn_per_e);
     }
-    let mut top = json_of(shortest, dn_per_e)?;
-    top["darks"] = json!(all);
-    println!("{top}");
     Ok(ExitCode::SUCCESS)
 }
 
@@ -101,26 +82,9 @@ fn spooled() -> Result<OutputDir> {
     Ok(folder)
 }
 
-fn read_noise_e(dn: Option<Value>, dn_per_e: Option<f64>) -> Option<Value> {
-    Some(dn?.scaled(1.0 / dn_per_e?))
-}
-
-fn json_of(found: &DarkStack, dn_per_e: Option<f64>) -> Result<serde_json::Value> {
-    let mut figures = json!(found);
-    if let Some(k) = dn_per_e {
-        figures["read_noise_e"] = json!(read_noise_e(found.read_noise_dn, dn_per_e));
-        for (letter, channel) in &found.channels {
-            let object = &mut figures["channels"][letter];
-            object["read_noise_e"] = json!(read_noise_e(channel.read_noise_dn, dn_per_e));
-            object["dynamic_range_db"] = json!(channel.dynamic_range_db(k));
-        }
-    }
-    Ok(figure::object(&figures)?.into())
-}
-
 fn print(found: &DarkStack, dn_per_e: Option<f64>) {
     found.notes.iter().for_each(|note| eprintln!("note: {note}"));
-    let read = match (found.read_noise_dn, read_noise_e(found.read_noise_dn, dn_per_e)) {
+    let read = match (found.read_noise_dn, found.read_noise_e(dn_per_e)) {
         (Some(dn), Some(e)) => format!("{} DN ({} e-)", plus_minus(dn), plus_minus(e)),
         (Some(dn), None) => format!("{} DN", plus_minus(dn)),
         (None, _) => "hidden by rounding".into(),

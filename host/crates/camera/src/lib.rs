@@ -270,6 +270,31 @@ impl Camera {
         changes::parse(&text, &changes, &stem, &folder).map_err(|e| e.at(spec))
     }
 
+    /// A camera from the text of a camera file with keys of it changed. Files that it names are
+    /// looked for in `directory`.
+    ///
+    /// ```
+    /// use camrig_camera::{Camera, Change};
+    ///
+    /// // Without the tables that come with the preset.
+    /// let text = Camera::load_with("mt9t012", [("sensor.qe", 0.5)])?.text;
+    /// let text = text.replace("ir_cut = \"ir-cut-690.csv\"", "");
+    /// let camera = Camera::from_text(&text, ".".as_ref(), [("sensor.width", 320)])?;
+    /// assert_eq!(camera.sensor.width, 320);
+    /// # Ok::<(), camrig_base::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Camera::load_with`].
+    pub fn from_text<C: Into<Change>>(
+        text: &str,
+        directory: &Path,
+        changes: impl IntoIterator<Item = C>,
+    ) -> Result<Self> {
+        let changes: Vec<Change> = changes.into_iter().map(Into::into).collect();
+        changes::parse(text, &changes, "camera", &Folder::Directory(directory))
+    }
+
     /// The camera whose sensor starts with the frame of this number.
     #[must_use]
     pub fn starting_at(self, first_frame: u32) -> Self {

@@ -1,5 +1,6 @@
 //! A capture: one stack of frames, with the conditions under which it was taken.
 
+use super::Held;
 use camrig_base::alternatives::Alternatives;
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -72,6 +73,9 @@ pub struct Capture {
     /// Numbers of frames that readers leave out, from 0 in order of time.
     #[serde(skip)]
     pub left_out: Vec<usize>,
+    /// Frames that are in memory, in place of files.
+    #[serde(skip)]
+    pub held: Option<Held>,
 }
 
 fn unity() -> f64 {
@@ -112,6 +116,7 @@ impl Capture {
             scene: None,
             rotation: None,
             left_out: Vec::new(),
+            held: None,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Reads the frames of a capture in bounded memory.
 
-use super::{Capture, SensorFacts};
+use super::held::Shared;
+use super::{Capture, Held, SensorFacts};
 use bytemuck::cast_slice_mut;
 use camrig_base::platform::read_at;
 use camrig_base::{Error, Plane, Result, Sample};
@@ -18,8 +19,8 @@ const MAX_OPEN_FILES: usize = 128;
 /// Most pixels in memory at once, unless a single plane is larger: 64 MiB.
 const MAX_PIXELS: usize = 1 << 25;
 
-/// A frame of a file. Its samples are in memory, or are read on demand from a file that stores them
-/// uncompressed.
+/// A frame of a file or of an array. Its samples are in memory, or are read on demand from a file
+/// that stores them uncompressed.
 pub struct StoredFrame {
     /// Columns.
     pub width: usize,
@@ -35,7 +36,17 @@ pub struct StoredFrame {
 
 enum Samples {
     Memory(Vec<u16>),
-    File { file: Arc<File>, offset: u64, sample: Sample, big_endian: bool },
+    /// From a sample of frames on that others share.
+    Held {
+        samples: Shared,
+        start: usize,
+    },
+    File {
+        file: Arc<File>,
+        offset: u64,
+        sample: Sample,
+        big_endian: bool,
+    },
 }
 
 impl StoredFrame {
@@ -49,6 +60,17 @@ impl StoredFrame {
             path,
             samples: Samples::Memory(plane.data),
         }
+    }
+
+    /// The frames of a capture of this name that are in memory.
+    fn held(held: &Held, id: &str) -> impl Iterator<Item = Self> {
+        let (width, height) = (held.width, held.height);
+        let path: Arc<Path> = Path::new(id).into();
+        (0..held.count()).map(move |n| {
+            let samples = held.samples.clone();
+            let samples = Samples::Held { samples, start: n * width * height };
+            Self { width, height, stride: width, origin: [0; 2], path: path.clone(), samples }
+        })
     }
 
     /// Fills `out`, a whole number of rows, from row `first` on.
@@ -71,6 +93,11 @@ impl StoredFrame {
         let (file, offset, sample, big_endian) = match &self.samples {
             Samples::Memory(data) => {
                 out.copy_from_slice(&data[start..start + out.len()]);
+                return Ok(());
+            }
+            Samples::Held { samples, start: first } => {
+                let data = &(**samples).as_ref()[first + start..];
+                out.copy_from_slice(&data[..out.len()]);
                 return Ok(());
             }
             Samples::File { file, offset, sample, big_endian } => {
@@ -177,6 +204,7 @@ fn uncompressed(path: &Path, shared: &Arc<Path>) -> Result<Option<(Vec<StoredFra
 /// Reads the frames of a capture in order of time, a few at a time.
 pub struct Batches<'a> {
     sensor: &'a SensorFacts,
+    held: Option<(&'a Held, &'a str)>,
     files: &'a [PathBuf],
     left_out: &'a [usize],
     opened: usize,
@@ -187,12 +215,13 @@ impl<'a> Batches<'a> {
     /// For a capture of this sensor.
     pub fn new(sensor: &'a SensorFacts, capture: &'a Capture) -> Self {
         let (files, left_out) = (&capture.files[..], &capture.left_out[..]);
-        Self { sensor, files, left_out, opened: 0, waiting: VecDeque::new() }
+        let held = capture.held.as_ref().map(|held| (held, &*capture.id));
+        Self { sensor, held, files, left_out, opened: 0, waiting: VecDeque::new() }
     }
 
     /// Whether all frames have been returned.
     pub fn is_empty(&self) -> bool {
-        self.waiting.is_empty() && self.files.is_empty()
+        self.waiting.is_empty() && self.files.is_empty() && self.held.is_none()
     }
 
     /// The next frames; empty at the end. Files are opened in parallel, only a few at a time if
@@ -203,6 +232,9 @@ impl<'a> Batches<'a> {
     pub fn next_batch(&mut self) -> Result<Vec<StoredFrame>> {
         let few = 2 * rayon::current_num_threads();
         let in_memory = |f: &StoredFrame| matches!(f.samples, Samples::Memory(_));
+        if let Some((held, id)) = self.held.take() {
+            self.take(StoredFrame::held(held, id))?;
+        }
         while self.waiting.len() < MAX_OPEN_FILES
             && self.waiting.iter().filter(|f| in_memory(f)).count() < few
             && !self.files.is_empty()
@@ -210,16 +242,22 @@ impl<'a> Batches<'a> {
             let (now, later) = self.files.split_at(few.min(self.files.len()));
             self.files = later;
             let opened: Vec<_> = now.par_iter().map(|f| open(f)).collect::<Result<_>>()?;
-            for frame in opened.into_iter().flatten() {
-                self.check_size(&frame)?;
-                if !self.left_out.contains(&self.opened) {
-                    self.waiting.push_back(self.sensor.region_of(frame));
-                }
-                self.opened += 1;
-            }
+            self.take(opened.into_iter().flatten())?;
         }
         let most = if self.waiting.iter().any(in_memory) { few } else { MAX_OPEN_FILES };
         Ok(self.waiting.drain(..most.min(self.waiting.len())).collect())
+    }
+
+    /// Puts frames that are not left out behind those that wait.
+    fn take(&mut self, frames: impl Iterator<Item = StoredFrame>) -> Result<()> {
+        for frame in frames {
+            self.check_size(&frame)?;
+            if !self.left_out.contains(&self.opened) {
+                self.waiting.push_back(self.sensor.region_of(frame));
+            }
+            self.opened += 1;
+        }
+        Ok(())
     }
 
     fn check_size(&self, frame: &StoredFrame) -> Result<()> {

@@ -13,7 +13,7 @@
 //! |---|---|
 //! | `set`, `capture` | the set; a capture with its light, scene and settings |
 //! | `manifest` | `captures.toml`: its format, its checks, writing it |
-//! | `frames` | reading frames, in bounded memory |
+//! | `frames`, `held` | reading frames, in bounded memory; frames that are in memory |
 //! | `contradictions` | where files disagree with the manifest |
 //! | [`draft`] | a manifest from the files of a folder |
 //!
@@ -65,6 +65,7 @@ mod capture;
 mod contradictions;
 pub mod draft;
 mod frames;
+mod held;
 pub mod manifest;
 mod set;
 
@@ -72,4 +73,5 @@ pub use camrig_base as base;
 pub use camrig_formats as formats;
 pub use capture::{Capture, CapturedScene, Light, Role, Rotation, Scan, Split, Uniformity};
 pub use frames::{Batches, StoredFrame, open, open_with_facts};
+pub use held::Held;
 pub use set::{CaptureSet, SensorFacts, Window};

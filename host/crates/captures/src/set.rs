@@ -1,6 +1,6 @@
 //! A capture set.
 
-use super::{Capture, Role, frames, manifest, open};
+use super::{Capture, Held, Role, frames, manifest, open};
 use camrig_base::{Cfa, Error, ErrorCode, Plane, Result};
 use std::path::{Path, PathBuf};
 
@@ -115,7 +115,9 @@ impl CaptureSet {
     /// # Errors
     /// A file that cannot be read.
     pub fn count(&self, capture: &Capture) -> Result<usize> {
-        let all: usize = capture.files.iter().map(|f| Ok(open(f)?.len())).sum::<Result<_>>()?;
+        let in_files: usize =
+            capture.files.iter().map(|f| Ok(open(f)?.len())).sum::<Result<_>>()?;
+        let all = in_files + capture.held.as_ref().map_or(0, Held::count);
         Ok(all - capture.left_out.len())
     }
 

@@ -13,7 +13,7 @@ use camrig_base::output::OutputFile;
 use camrig_base::platform::read_at;
 use camrig_base::{Bands, Spectrum};
 use camrig_base::{Error, ErrorCode, Plane, Result};
-use camrig_sensor_core::spectral::{BandRow, encode, groups};
+use camrig_sensor_core::spectral::{BandRow, decode, encode, groups};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -282,6 +282,21 @@ impl IrradianceCube {
             }
         }
         output.finish()
+    }
+
+    /// One band, in W m⁻² nm⁻¹ (electrons per second where [`CubeHeader::holds_electrons`] says so).
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn plane(&self, band: usize) -> Result<Plane<f32>> {
+        let CubeHeader { width, height, level, .. } = self.header;
+        let mut plane = Plane::filled(width, height, 0.0);
+        let chunk = self.chunk(band, 0, height)?;
+        for (y, row) in plane.data.chunks_mut(width).enumerate() {
+            decode(chunk.row(width, y), row);
+            row.iter_mut().for_each(|value| *value *= level as f32);
+        }
+        Ok(plane)
     }
 
     /// Some rows of one band.

@@ -9,6 +9,7 @@
 use super::codes::Codes;
 use super::copies;
 use super::emva;
+use super::figure;
 use super::moments::{Moments, SATURATED_SHARE};
 use super::rounding::QUANTISATION;
 use super::rounding::QUANTISATION_LIMITED;
@@ -19,6 +20,7 @@ use camrig_captures::{Capture, CaptureSet, Role, SensorFacts, open_with_facts};
 use camrig_formats::Facts;
 use rayon::prelude::*;
 use serde::Serialize;
+use serde_json::{Map, Value as Json, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -54,6 +56,71 @@ pub struct DarkStack {
     pub channels: BTreeMap<String, DarkChannel>,
     /// Remarks for people.
     pub notes: Vec<String>,
+}
+
+impl DarkStack {
+    /// The read noise, e⁻, at a system gain in DN per electron.
+    pub fn read_noise_e(&self, dn_per_e: Option<f64>) -> Option<Value> {
+        in_electrons(self.read_noise_dn, dn_per_e)
+    }
+
+    /// The figures as a JSON object, with those in electrons where the system gain is known, DN per
+    /// electron.
+    ///
+    /// # Errors
+    /// None but a fault of the program.
+    pub fn json(&self, dn_per_e: Option<f64>) -> Result<Map<String, Json>> {
+        let mut figures = json!(self);
+        if let Some(k) = dn_per_e {
+            figures["read_noise_e"] = json!(self.read_noise_e(dn_per_e));
+            for (letter, channel) in &self.channels {
+                let object = &mut figures["channels"][letter];
+                object["read_noise_e"] = json!(in_electrons(channel.read_noise_dn, dn_per_e));
+                object["dynamic_range_db"] = json!(channel.dynamic_range_db(k));
+            }
+        }
+        figure::object(&figures)
+    }
+}
+
+fn in_electrons(dn: Option<Value>, dn_per_e: Option<f64>) -> Option<Value> {
+    Some(dn?.scaled(1.0 / dn_per_e?))
+}
+
+/// The dark stacks of a capture set, the shortest exposure first, which has least noise of the dark
+/// current.
+///
+/// # Errors
+/// No dark captures; those of [`of_capture`].
+pub fn of_set(set: &CaptureSet) -> Result<Vec<(&Capture, DarkStack)>> {
+    let mut darks: Vec<_> = set.with_role(Role::Dark).collect();
+    darks.sort_by(|a, b| a.exposure_s.total_cmp(&b.exposure_s));
+    if darks.is_empty() {
+        return Err(Error::input("no dark captures")
+            .help("a capture of role = \"dark\" is a stack without light"));
+    }
+    darks.into_iter().map(|c| Ok((c, of_capture(set, c)?))).collect()
+}
+
+/// The stacks of [`of_set`] as a JSON object: at the top the first, and all of them as `darks`.
+///
+/// # Errors
+/// None but a fault of the program.
+pub fn json_of_set(
+    darks: &[(&Capture, DarkStack)],
+    dn_per_e: Option<f64>,
+) -> Result<Map<String, Json>> {
+    let one = |(capture, found): &(&Capture, DarkStack)| -> Result<_> {
+        let mut one = found.json(dn_per_e)?;
+        one.insert("id".into(), json!(capture.id));
+        one.insert("exposure_s".into(), json!(capture.exposure_s));
+        one.insert("analog_gain".into(), json!(capture.analog_gain));
+        Ok(one)
+    };
+    let all = darks.iter().map(one).collect::<Result<Vec<_>>>()?;
+    let mut top = darks.first().map_or(Ok(Map::new()), |(_, found)| found.json(dn_per_e))?;
+    top.insert("darks".into(), json!(all));
+    Ok(top)
 }
 
 /// Figures of one channel of a stack of dark frames.

@@ -119,7 +119,11 @@ fn check_entry(mut e: Capture, root: &Path) -> Result<Capture> {
         }
     }
     paths::resolve(root, &mut e.light, &mut e.scene);
-    Ok(Capture { files: paths::expand_all(root, &e.files)?, ..e })
+    let files = match e.held {
+        Some(_) => Vec::new(),
+        None => paths::expand_all(root, &e.files)?,
+    };
+    Ok(Capture { files, ..e })
 }
 
 fn check_light(light: &Light, role: Role) -> Result<()> {

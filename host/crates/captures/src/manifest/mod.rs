@@ -4,11 +4,11 @@ mod check;
 mod paths;
 mod write;
 
-use super::{Capture, CaptureSet};
+use super::{Capture, CaptureSet, Held};
 use camrig_base::{Error, Result, mistakes, toml_text};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -73,6 +73,26 @@ pub fn parse(text: &str, file: &Path) -> Result<CaptureSet> {
     let raw: File = read(text).map_err(|e| mistakes::all(e).at(file.display()))?;
     let root = file.parent().unwrap_or(Path::new(".")).to_owned();
     check::check(raw, root, text).map_err(|e| e.at(file.display()))
+}
+
+/// Parses and checks the text of a manifest whose captures have their frames in memory, each those
+/// of its place in `held`, and no files (`files = []`).
+///
+/// # Errors
+/// Those of [`CaptureSet::load`], and another number of captures than of `held`.
+pub fn with_held(text: &str, held: Vec<Held>) -> Result<CaptureSet> {
+    let mut raw = read(text).map_err(mistakes::all)?;
+    if raw.capture.len() != held.len() {
+        return Err(Error::disagreement(format!(
+            "{} captures with the frames of {}",
+            raw.capture.len(),
+            held.len()
+        )));
+    }
+    for (capture, held) in raw.capture.iter_mut().zip(held) {
+        capture.get_mut().held = Some(held);
+    }
+    check::check(raw, PathBuf::from("."), text)
 }
 
 /// Reads the text, or reports all placeholders and mistakes.

@@ -30,6 +30,7 @@ use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
 use super::codes::Codes;
 use super::copies;
 use super::dark::{self, DarkLine, distinct};
+use super::figure;
 use super::fit::Fit;
 use super::ladder::{self, Level, Selection};
 use super::moments::SATURATED_SHARE;
@@ -41,6 +42,8 @@ use super::transfer::{Knee, Transfer};
 use camrig_base::Value;
 use camrig_base::{Error, Result};
 use camrig_captures::{Capture, CaptureSet};
+use serde_json::{Map, Value as Json, json};
+use std::collections::BTreeMap;
 
 /// Upper end of the photon transfer's range over saturation (section 6.6).
 const TRANSFER_RANGE: f64 = 0.7;
@@ -124,6 +127,25 @@ pub struct Checked {
     pub conditions: Conditions,
     /// The standard's assumptions and requirements that these captures do not meet.
     pub warnings: Vec<String>,
+}
+
+impl Checked {
+    /// The figures as a JSON object; at the top those of the channel with most light, for which the
+    /// levels were chosen.
+    ///
+    /// # Errors
+    /// No channels.
+    pub fn json(&self) -> Result<Map<String, Json>> {
+        let signal = |c: &&ChannelEmva| c.levels.iter().map(|l| l.signal_dn).sum();
+        let most = self.channels.iter().max_by(|a, b| f64::total_cmp(&signal(a), &signal(b)));
+        let most = most.ok_or_else(|| Error::input("no channels"))?;
+        let mut object = figure::object(&most.figures)?;
+        object.insert("reference_channel".into(), json!(most.channel));
+        let channels = self.channels.iter().map(|c| Ok((c.channel.clone(), figure::object(c)?)));
+        object.insert("channels".into(), json!(channels.collect::<Result<BTreeMap<_, _>>>()?));
+        object.insert("warnings".into(), json!(self.warnings));
+        Ok(object)
+    }
 }
 
 /// Measures a capture set.

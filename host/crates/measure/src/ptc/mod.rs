@@ -25,6 +25,7 @@ use self::notes::{channel_notes, sensor_notes};
 use super::codes::Codes;
 use super::copies;
 use super::dark::{self, DarkLine, MIN_EXPOSURES};
+use super::figure;
 use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
 use super::moments::Moments;
@@ -38,6 +39,8 @@ use camrig_base::Result;
 use camrig_base::Value;
 use camrig_captures::{Capture, CaptureSet};
 use serde::Serialize;
+use serde_json::{Map, Value as Json, json};
+use std::collections::BTreeMap;
 
 /// The figures of one channel, or of the sensor over its channels. `None` where the captures do
 /// not determine a figure.
@@ -123,6 +126,25 @@ pub struct Ptc {
     pub dsnu_exposure_s: f64,
     /// Remarks: excluded levels, violated assumptions.
     pub notes: Vec<String>,
+}
+
+impl Ptc {
+    /// The figures as a JSON object, with those of [`gains`](crate::gains) where there are several.
+    ///
+    /// # Errors
+    /// None but a fault of the program.
+    pub fn json(&self, gains: Option<&impl Serialize>) -> Result<Map<String, Json>> {
+        let mut object = figure::object(&self.figures)?;
+        if let Some(gains) = gains {
+            object.append(&mut figure::object(gains)?);
+        }
+        let channels = self.channels.iter().map(|c| Ok((c.channel.clone(), figure::object(c)?)));
+        object.insert("channels".into(), json!(channels.collect::<Result<BTreeMap<_, _>>>()?));
+        object.insert("analog_gain".into(), json!(self.analog_gain));
+        object.insert("dsnu_exposure_s".into(), json!(self.dsnu_exposure_s));
+        object.insert("notes".into(), json!(self.notes));
+        Ok(object)
+    }
 }
 
 /// Runs the photon transfer on the analog gain and light with most flats.
