@@ -42,7 +42,6 @@ impl Camera {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (text, folder = PathBuf::from(".")))]
     fn from_toml(py: Python<'_>, text: String, folder: PathBuf) -> PyResult<Self> {
         py.detach(|| Self::new(Source::Text(text, folder), Vec::new())).or_raise()
     }

@@ -6,7 +6,6 @@ use camrig::Error;
 use camrig::captures::{CaptureSet, manifest};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 /// Stacks of frames with the conditions under which they were taken.
@@ -24,12 +23,10 @@ impl Captures {
         Ok(Self { set: py.detach(|| CaptureSet::load(&folder)).or_raise()? })
     }
 
-    /// Stacks in memory: arrays by their ids, and the manifest that describes them as JSON.
+    /// Stacks in memory: arrays by their ids, and what a manifest says of the sensor and of them,
+    /// but for the size of the frames.
     #[staticmethod]
-    fn _of(manifest: &str, arrays: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let wrong = |e: serde_json::Error| Error::input(format!("conditions of captures: {e}"));
-        let mut text: Map<String, Value> =
-            serde_json::from_str(manifest).map_err(wrong).or_raise()?;
+    fn _of(sensor: &str, captures: &str, arrays: &Bound<'_, PyDict>) -> PyResult<Self> {
         let (mut held, mut size, mut largest) = (Vec::new(), None, 0);
         for (id, frames) in arrays {
             let id: String = id.extract()?;
@@ -51,11 +48,9 @@ impl Captures {
             return Err(Error::input("no captures").help("give one stack of frames at least"))
                 .or_raise();
         };
-        text["sensor"]["width"] = json!(width);
-        text["sensor"]["height"] = json!(height);
-        let text = toml::to_string(&text)
-            .map_err(|e| Error::input(format!("conditions of captures: {e}")))
-            .or_raise()?;
+        let text = format!(
+            "format = \"captures/1\"\n[sensor]\nwidth = {width}\nheight = {height}\n{sensor}\n{captures}"
+        );
         let set = manifest::with_held(&text, held).or_raise()?;
         if u32::from(largest) >> set.sensor.bits != 0 {
             return Err(Error::disagreement(format!(

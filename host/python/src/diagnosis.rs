@@ -19,7 +19,7 @@ pub struct Diagnosis {
 
 /// Searches for the effects that a camera lacks.
 #[pyfunction]
-#[pyo3(signature = (camera, captures, *, region = None, without = vec![], progress = None))]
+#[pyo3(signature = (camera, captures, *, region = None, without, progress = None))]
 pub fn diagnose(
     py: Python<'_>,
     camera: &Bound<'_, Camera>,

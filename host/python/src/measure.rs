@@ -29,7 +29,6 @@ pub fn emva(py: Python<'_>, captures: &Bound<'_, Captures>) -> PyResult<String> 
 
 /// Dark stacks of a set.
 #[pyfunction]
-#[pyo3(signature = (captures, dn_per_e = None))]
 pub fn dark(
     py: Python<'_>,
     captures: &Bound<'_, Captures>,
@@ -42,7 +41,6 @@ pub fn dark(
 
 /// Slanted edges of frames.
 #[pyfunction]
-#[pyo3(signature = (frames, cfa, channels, regions, white_level_dn = None, pitch_um = None))]
 pub fn mtf(
     py: Python<'_>,
     frames: &Bound<'_, PyAny>,
@@ -87,7 +85,6 @@ pub fn mtf(
 
 /// A camera file of captures, with the values in it and what to know about them.
 #[pyfunction]
-#[pyo3(signature = (captures, name = String::new(), like = None, given = vec![], dn_per_e = None))]
 pub fn fit(
     py: Python<'_>,
     captures: &Bound<'_, Captures>,

@@ -31,7 +31,7 @@ class Camera:
 
     Examples
     --------
-    >>> camera = Camera("mt9v024").set({"sensor.noise.read_e": 3.0}, width=64, height=48)
+    >>> camera = Camera("mt9v024").set({"sensor.noise.prnu": 0.02}, width=64, height=48)
     >>> camera.shape
     (48, 64)
     """
@@ -68,7 +68,7 @@ class Camera:
         if unknown:
             raise TypeError(f"{unknown[0]}: give it by its path, set({{'sensor.…': value}})")
         paths = {f"sensor.{key}": value for key, value in short.items()}
-        return self._of(self._own._changed(_plain.changes({**(keys or {}), **paths})))
+        return self._of(self._own._changed(_plain.lines({**(keys or {}), **paths})))
 
     def to_toml(self) -> str:
         """The text of the camera file. Tables that it names are files beside the one it is of."""
@@ -254,7 +254,7 @@ def _scene_file(
         raise ValueError("a scene of an array needs wavelengths_nm, the centres of its bands")
     path = folder / "scene.npy"
     np.save(path, np.ascontiguousarray(scene, dtype=np.float32))
-    nm = _plain.as_json(np.asarray(wavelengths_nm, dtype=float))
-    sidecar = f'quantity = {_plain.as_json(quantity)}\naxes = "yxb"\nwavelength_nm = {nm}\n'
-    path.with_suffix(".toml").write_text(sidecar, encoding="utf-8")
+    nm = np.asarray(wavelengths_nm, dtype=float)
+    sidecar = _plain.lines({"quantity": quantity, "axes": "yxb", "wavelength_nm": nm})
+    path.with_suffix(".toml").write_text("\n".join(sidecar), encoding="utf-8")
     return str(path)

@@ -2,11 +2,32 @@
 
 from collections.abc import Callable, Iterator
 from os import PathLike
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Camera",
+    "CamrigError",
+    "Captures",
+    "Irradiance",
+    "_Diagnosis",
+    "__version__",
+    "compare",
+    "dark",
+    "diagnose",
+    "effects",
+    "emva",
+    "fit",
+    "irradiance",
+    "main",
+    "mtf",
+    "presets",
+    "ptc",
+    "read_raw",
+    "write_raw",
+]
 __version__: str
 
 _Progress = Callable[[str, int, int], object] | None
@@ -23,10 +44,11 @@ class CamrigError(Exception):
     code: str | None
     """Name of the error where programs may want to tell it from others."""
 
+@final
 class Camera:
-    def __init__(self, camera: str) -> None: ...
+    def __new__(cls, camera: str) -> Camera: ...
     @staticmethod
-    def from_toml(text: str, folder: _Path = ".") -> Camera: ...
+    def from_toml(text: str, folder: _Path) -> Camera: ...
     def _changed(self, changes: list[str]) -> Camera: ...
     def to_toml(self) -> str: ...
     @property
@@ -40,6 +62,7 @@ class Camera:
     @property
     def black_level_dn(self) -> float: ...
 
+@final
 class Irradiance:
     """Spectral irradiance on a sensor, W m⁻² nm⁻¹."""
 
@@ -77,11 +100,12 @@ class Irradiance:
         rig: str | None = None,
     ) -> Iterator[Any]: ...
 
+@final
 class Captures:
     @staticmethod
     def load(folder: _Path) -> Captures: ...
     @staticmethod
-    def _of(manifest: str, arrays: dict[str, Any]) -> Captures: ...
+    def _of(sensor: str, captures: str, arrays: dict[str, Any]) -> Captures: ...
     @property
     def ids(self) -> list[str]: ...
     @property
@@ -89,6 +113,7 @@ class Captures:
     @property
     def bits(self) -> int: ...
 
+@final
 class _Diagnosis:
     @property
     def report(self) -> str: ...
@@ -112,7 +137,7 @@ def diagnose(
     captures: Captures,
     *,
     region: tuple[int, int, int, int] | None = None,
-    without: list[str] = ...,
+    without: list[str],
     progress: _Progress = None,
 ) -> _Diagnosis: ...
 def compare(
@@ -124,21 +149,21 @@ def compare(
 ) -> str: ...
 def ptc(captures: Captures) -> str: ...
 def emva(captures: Captures) -> str: ...
-def dark(captures: Captures, dn_per_e: float | None = None) -> str: ...
+def dark(captures: Captures, dn_per_e: float | None) -> str: ...
 def mtf(
     frames: Any,
     cfa: str,
     channels: list[str] | None,
     regions: list[list[int]],
-    white_level_dn: int | None = None,
-    pitch_um: float | None = None,
+    white_level_dn: int | None,
+    pitch_um: float | None,
 ) -> str: ...
 def fit(
     captures: Captures,
-    name: str = "",
-    like: str | None = None,
-    given: list[str] = ...,
-    dn_per_e: float | None = None,
+    name: str,
+    like: str | None,
+    given: list[str],
+    dn_per_e: float | None,
 ) -> str: ...
 def read_raw(path: _Path) -> tuple[NDArray[np.uint16], dict[str, Any]]:
     """Frames of a raw file in any format that camrig reads, and what the file says about them.

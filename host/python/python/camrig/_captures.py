@@ -62,15 +62,15 @@ class Captures:
             "pitch_um": pitch_um,
         }
         frames = {}
-        captures = []
+        captures = ""
         for name, stack in stacks.items():
             if "frames" not in stack:
                 raise ValueError(f"captures {name!r} have no frames")
             frames[name] = stack["frames"]
             conditions = {key: value for key, value in stack.items() if key != "frames"}
-            captures.append(_stated({"id": name, "files": [], **conditions}))
-        manifest = {"format": "captures/1", "sensor": _stated(sensor), "capture": captures}
-        self._own = _camrig.Captures._of(_plain.as_json(manifest), frames)
+            table = _plain.lines({"id": name, "files": [], **conditions})
+            captures += "\n".join(["[[capture]]", *table, ""])
+        self._own = _camrig.Captures._of("\n".join(_plain.lines(sensor)), captures, frames)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> Captures:
@@ -96,15 +96,6 @@ class Captures:
 
     def __repr__(self) -> str:
         return repr(self._own)
-
-
-def _stated(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What is not None, in inner tables too."""
-    return {
-        key: _stated(value) if isinstance(value, Mapping) else value
-        for key, value in values.items()
-        if value is not None
-    }
 
 
 class Diagnosis:
@@ -220,5 +211,5 @@ def fit(
     dn_per_e : float, optional
         System gain at unity gain, where there are no flats.
     """
-    text = _camrig.fit(captures._own, name, like, _plain.changes(given or {}), dn_per_e)
+    text = _camrig.fit(captures._own, name, like, _plain.lines(given or {}), dn_per_e)
     return Fitted(**json.loads(text))
