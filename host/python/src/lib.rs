@@ -3,6 +3,7 @@
 //! computed here; the texts for users are in `python/camrig/_camrig.pyi`.
 
 mod arrays;
+mod augment;
 mod camera;
 mod captures;
 mod diagnosis;
@@ -17,6 +18,8 @@ use pyo3::prelude::*;
 /// The compiled half of `camrig`.
 #[pymodule]
 mod _camrig {
+    #[pymodule_export]
+    use super::augment::expose_electrons;
     #[pymodule_export]
     use super::camera::{Camera, effects, presets};
     #[pymodule_export]

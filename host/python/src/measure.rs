@@ -3,6 +3,7 @@
 use crate::arrays::Stack;
 use crate::captures::Captures;
 use crate::errors::OrRaise;
+use camrig::clean::{self, Cleaned};
 use camrig::measure::{self, dark_stack, figure, gains, mtf as edges};
 use camrig::{Error, Result};
 use pyo3::prelude::*;
@@ -11,10 +12,12 @@ use serde_json::json;
 /// Photon transfer.
 #[pyfunction]
 pub fn ptc(py: Python<'_>, captures: &Bound<'_, Captures>) -> PyResult<String> {
-    let set = &captures.get().set;
+    let set = captures.get().set.clone();
     let figures = py.detach(|| -> Result<_> {
-        let found = measure::ptc::measure(set)?;
-        found.json(gains::measure(set)?.as_ref())
+        let (set, found) = Cleaned::for_measurements(set, &clean::Options::default())?;
+        let mut result = measure::ptc::measure(&set)?;
+        result.notes.splice(0..0, found);
+        result.json(gains::measure(&set)?.as_ref())
     });
     Ok(json!(figures.or_raise()?).to_string())
 }
@@ -22,8 +25,13 @@ pub fn ptc(py: Python<'_>, captures: &Bound<'_, Captures>) -> PyResult<String> {
 /// EMVA 1288.
 #[pyfunction]
 pub fn emva(py: Python<'_>, captures: &Bound<'_, Captures>) -> PyResult<String> {
-    let set = &captures.get().set;
-    let figures = py.detach(|| measure::emva::measure(set)?.json());
+    let set = captures.get().set.clone();
+    let figures = py.detach(|| -> Result<_> {
+        let (set, found) = Cleaned::for_measurements(set, &clean::Options::default())?;
+        let mut result = measure::emva::measure(&set)?;
+        result.warnings.splice(0..0, found);
+        result.json()
+    });
     Ok(json!(figures.or_raise()?).to_string())
 }
 

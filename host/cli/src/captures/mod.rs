@@ -6,7 +6,7 @@ use super::arguments::progress;
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_captures::CaptureSet;
-use camrig_clean::{Cleaned, Done, Finding, Kind, Options};
+use camrig_clean::{Cleaned, Finding, Options};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -55,8 +55,7 @@ pub(super) fn opened(path: &Path) -> Result<CaptureSet> {
     Ok(set)
 }
 
-/// A capture set as measurements of its sensor take it: labels of light that contradict the frames
-/// are mended and torn frames left out, with what was found in words.
+/// A capture set as measurements of its sensor take it ([`Cleaned::for_measurements`]).
 ///
 /// # Errors
 /// Files that cannot be read; captures that the sensor merged.
@@ -64,19 +63,9 @@ pub(super) fn cleaned(path: &Path) -> Result<(CaptureSet, Vec<String>)> {
     let set = opened(path)?;
     let bar = progress("checked", Cleaned::frames_to_read(&set)? as u64);
     let read = |n| bar.inc(n as u64);
-    let cleaned = Cleaned::inspect(set.clone(), &Options::default().with_progress(&read))?;
+    let cleaned = Cleaned::for_measurements(set, &Options::default().with_progress(&read))?;
     bar.finish_and_clear();
-    let refused = |f: &Finding| f.kind == Kind::Requantised && f.done == Done::Refused;
-    if let Some(error) =
-        cleaned.findings().iter().any(refused).then(|| cleaned.refused()).flatten()
-    {
-        return Err(error);
-    }
-    // A model's temperature is none of a measurement's, which refuses copies itself.
-    let of_model = [Kind::Temperature, Kind::IdenticalFrames];
-    let told = cleaned.findings().iter().filter(|f| !of_model.contains(&f.kind));
-    let told = told.map(Finding::line).collect();
-    Ok((CaptureSet { captures: cleaned.set().captures.clone(), ..set }, told))
+    Ok(cleaned)
 }
 
 fn check(args: &CheckArgs) -> Result<ExitCode> {

@@ -44,6 +44,28 @@ impl Cleaned {
         Ok(Self { set: corrections.apply_to_set(&set), raw: set, findings, corrections })
     }
 
+    /// A set as measurements of its sensor take it, and what was found in words: labels of light
+    /// that contradict the frames are mended and torn frames left out.
+    ///
+    /// # Errors
+    /// Files that cannot be read; captures that the sensor merged.
+    pub fn for_measurements(
+        set: CaptureSet,
+        options: &Options<'_>,
+    ) -> Result<(CaptureSet, Vec<String>)> {
+        let cleaned = Self::inspect(set.clone(), options)?;
+        let refused = |f: &Finding| f.kind == Kind::Requantised && f.done == Done::Refused;
+        let merged = cleaned.findings.iter().any(refused).then(|| cleaned.refused()).flatten();
+        if let Some(error) = merged {
+            return Err(error);
+        }
+        // A model's temperature is none of a measurement's, which refuses copies itself.
+        let of_model = [Kind::Temperature, Kind::IdenticalFrames];
+        let told = cleaned.findings.iter().filter(|f| !of_model.contains(&f.kind));
+        let told = told.map(Finding::line).collect();
+        Ok((CaptureSet { captures: cleaned.set.captures, ..set }, told))
+    }
+
     /// Frames that [`Options::progress`] receives in all: those of dark and flat stacks, each
     /// twice.
     ///

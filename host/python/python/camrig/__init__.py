@@ -11,7 +11,7 @@ release the interpreter's lock, take ``progress`` (a function of what, done and 
 Ctrl-C. Errors are :class:`CamrigError` with ``kind``, ``what``, ``where``, ``help`` and ``code``.
 """
 
-from . import measure
+from . import augment, measure
 from ._camera import Camera
 from ._camrig import CamrigError, Irradiance, __version__, effects, presets, read_raw, write_raw
 from ._captures import Captures, Diagnosis, Fitted, compare, diagnose, fit
@@ -24,6 +24,7 @@ __all__ = [
     "Fitted",
     "Irradiance",
     "__version__",
+    "augment",
     "compare",
     "diagnose",
     "effects",

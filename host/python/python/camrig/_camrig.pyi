@@ -19,6 +19,7 @@ __all__ = [
     "diagnose",
     "effects",
     "emva",
+    "expose_electrons",
     "fit",
     "irradiance",
     "main",
@@ -147,6 +148,14 @@ def compare(
     region: tuple[int, int, int, int] | None = None,
     progress: _Progress = None,
 ) -> str: ...
+def expose_electrons(
+    camera: Camera,
+    electrons: NDArray[np.float32],
+    seeds: list[int],
+    exposure_s: float,
+    gain: float | None,
+    arithmetic: str,
+) -> NDArray[np.uint16]: ...
 def ptc(captures: Captures) -> str: ...
 def emva(captures: Captures) -> str: ...
 def dark(captures: Captures, dn_per_e: float | None) -> str: ...

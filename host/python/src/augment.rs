@@ -1,0 +1,53 @@
+//! Frames of mean electrons: the sensor without lens and light, for training data.
+
+use crate::camera::Camera;
+use crate::errors::{OrRaise, raised};
+use camrig::exposure::{Arithmetic, CubeHeader, FrameOptions, IrradianceWriter, SimulatedSensor};
+use camrig::{Error, Plane};
+use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+/// Raw frames, DN, of mean photo-electrons per pixel and exposure (frames x rows x columns); the
+/// noise of a frame is that of the frame number in `seeds`.
+#[pyfunction]
+pub fn expose_electrons<'py>(
+    py: Python<'py>,
+    camera: &Bound<'py, Camera>,
+    electrons: PyReadonlyArray3<'py, f32>,
+    seeds: Vec<u32>,
+    exposure_s: f64,
+    gain: Option<f64>,
+    arithmetic: &str,
+) -> PyResult<Bound<'py, PyArray3<u16>>> {
+    let arithmetic: Arithmetic = arithmetic.parse().map_err(|e: Error| raised(&e))?;
+    let camera = &camera.get().camera;
+    let [count, height, width] = [0, 1, 2].map(|axis| electrons.shape()[axis]);
+    if seeds.len() != count {
+        return Err(Error::disagreement(format!("{} seeds of {count} frames", seeds.len()))
+            .help("give a seed for each frame"))
+        .or_raise();
+    }
+    let means = electrons.as_slice()?;
+    let frames = py.detach(|| -> camrig::Result<Vec<u16>> {
+        let mut header =
+            CubeHeader::new((width, height), &camrig::scene::Bands::VISIBLE, "electrons");
+        header.bands = 1;
+        header.level = 1.0 / exposure_s;
+        header.made_for.insert(CubeHeader::RESPONSE.into(), "electrons".into());
+        let sensor = SimulatedSensor::new(camera, &header)?;
+        let mut samples = Vec::with_capacity(means.len());
+        for (means, seed) in means.chunks_exact((width * height).max(1)).zip(seeds) {
+            if let Some(wrong) = means.iter().find(|mean| !(**mean >= 0.0 && mean.is_finite())) {
+                return Err(Error::input(format!("a mean of {wrong} electrons"))
+                    .help("means are 0 or more"));
+            }
+            let mut cube = IrradianceWriter::new(header.clone())?;
+            cube.push(&Plane { width, height, data: means.to_vec() })?;
+            let settings = camera.settings(seed, exposure_s, gain);
+            let options = FrameOptions { arithmetic, ..FrameOptions::default() };
+            samples.extend(sensor.frame_with(&cube.finish()?, &settings, options)?.data);
+        }
+        Ok(samples)
+    });
+    PyArray1::from_vec(py, frames.or_raise()?).reshape([count, height, width])
+}
