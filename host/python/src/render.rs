@@ -13,8 +13,10 @@ use camrig::render::{OpticsPath, OpticsStage};
 use camrig::rig::SensorStage;
 use camrig::{Error, RawFrame};
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
@@ -153,10 +155,19 @@ impl Irradiance {
             Exposure::Word(word) => {
                 let brightness = brightness(&word).or_raise()?;
                 let first = sensor.first();
-                py.detach(|| {
+                let found = py.detach(|| {
                     auto_exposure::exposure_s(&model, first, &cube.cube, gain, brightness)
-                })
-                .or_raise()?
+                });
+                let found = found.or_raise()?;
+                if let Some(clipping_s) = found.clipping_s {
+                    let words = format!(
+                        "exposure {} s, since {clipping_s} s clips highlights of a channel",
+                        found.exposure_s
+                    );
+                    let category = py.get_type::<PyUserWarning>();
+                    PyErr::warn(py, &category, &CString::new(words)?, 1)?;
+                }
+                found.exposure_s
             }
         };
         let stage = py
