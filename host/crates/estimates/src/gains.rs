@@ -66,13 +66,17 @@ impl BehindGain {
 fn frame_deviance(biases: &[(f64, Bias)], power: i32) -> f64 {
     let dof = |b: &Bias| b.frames() as f64 - 1.0;
     let (sum, weight) = biases.iter().fold((0.0, 0.0), |(sum, weight), (gain, b)| {
-        (sum + dof(b) * b.frame_variance.value / libm::pow(*gain, f64::from(power)), weight + dof(b))
+        (
+            sum + dof(b) * b.frame_variance.value / libm::pow(*gain, f64::from(power)),
+            weight + dof(b),
+        )
     });
     let law = (sum / weight).max(0.0);
     let of_bias = |(gain, b): &(f64, Bias)| {
         // Its error is that of the whole variance.
         let seen = b.frame_variance.std_error * (0.5 * dof(b)).sqrt();
-        let p = (seen - b.frame_variance.value).max(0.0) + law * libm::pow(*gain, f64::from(power));
+        let p =
+            (seen - b.frame_variance.value).max(0.0) + law * libm::pow(*gain, f64::from(power));
         if p > 0.0 { dof(b) * (libm::log(p) + seen / p) } else { 0.0 }
     };
     biases.iter().map(of_bias).sum()
