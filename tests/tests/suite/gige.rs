@@ -56,13 +56,16 @@ struct Image {
     bytes: Vec<u8>,
 }
 
+/// Packets by their numbers, and how many there are in all.
+type Block = (BTreeMap<u32, Vec<u8>>, Option<u32>);
+
 struct Client {
     control: UdpSocket,
     stream: UdpSocket,
     id: u16,
     xml: String,
-    /// Packets of blocks that are not whole, by their numbers, and how many the block has.
-    blocks: BTreeMap<u64, (BTreeMap<u32, Vec<u8>>, Option<u32>)>,
+    /// Blocks that are not whole.
+    blocks: BTreeMap<u64, Block>,
     /// Numbers of those that were.
     done: BTreeSet<u64>,
     extended: bool,

@@ -517,7 +517,7 @@ impl Making<'_> {
         if at == bits {
             return Some((level.into(), Basis::of(fact)));
         }
-        let scaled = rounded(level * libm::exp2((bits - at) as f64), 4);
+        let scaled = rounded(level * libm::exp2(bits - at), 4);
         Some((scaled.into(), Basis::derived(fact, format!("{level} DN of {at} bits"))))
     }
 
@@ -526,7 +526,7 @@ impl Making<'_> {
     fn full_well_of(&self, sensor: Sensor) -> Found {
         let bits = self.number("sensor.bits")?;
         let own = sensor.fact("bits")?.number()?;
-        let top = libm::exp2(bits as f64) - 1.0;
+        let top = libm::exp2(bits) - 1.0;
         let holds = |fact: &&Fact| fact.bits().map_or(own, f64::from) == bits;
         if let Some(gain) = sensor.fact("system_gain").filter(holds) {
             let note = format!("{} e-/DN x {top} DN", gain.value);
