@@ -163,7 +163,7 @@ impl LineMaps {
         Some((s.w * s.xz - s.x * s.z) / self.determinant(channel)?)
     }
 
-    /// The pixels of a channel whose slope lies more than [`HOT`] robust standard deviations above
+    /// The pixels of a channel whose slope lies more than six robust standard deviations above
     /// the median, at each site: hot pixels, where x is the exposure of darks.
     pub fn hot(&self, channel: usize) -> Option<Hot> {
         let determinant = Some(self.determinant(channel)?);

@@ -79,7 +79,7 @@ def mosaic(pictures: NDArray[np.floating[Any]], cfa: str) -> NDArray[np.float32]
     if pictures.ndim != 4 or pictures.shape[3] != 3:
         raise ValueError(f"pictures of shape {pictures.shape}: give frames x rows x columns x 3")
     if cfa.lower() == "mono":
-        return pictures.mean(axis=3, dtype=np.float32)
+        return np.asarray(pictures.mean(axis=3), dtype=np.float32)
     if len(cfa) != 4 or set(cfa) - set("RGB"):
         raise ValueError(f"cfa = {cfa!r}: four letters of R, G, B, or mono")
     out = np.empty(pictures.shape[:3], np.float32)
@@ -118,7 +118,7 @@ def unprocess(
     if colour_matrix is not None:
         linear = linear @ np.linalg.inv(np.asarray(colour_matrix, dtype=np.float64)).T
     raw = np.clip(linear, 0, None) / np.asarray(white_balance)
-    return raw.astype(np.float32)
+    return np.asarray(raw, dtype=np.float32)
 
 
 def noisy(
