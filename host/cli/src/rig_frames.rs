@@ -53,7 +53,10 @@ impl Injection {
         let shape = (sensor.config.width as usize, sensor.config.bits.into());
         let faults = self.faults.apply(frame, taken, shape)?;
         let Some(log) = &mut self.log else { return Ok(()) };
-        log.push(format!("{}\n", json!({ "frame": frame, "faults": faults })).as_bytes())
+        log.push(
+            format!("{}\n", json!({ "frame": frame, "dropped": taken.dropped, "faults": faults }))
+                .as_bytes(),
+        )
     }
 }
 

@@ -24,6 +24,7 @@ use camrig_rig::stage::changing_light;
 use camrig_rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
 use clap::error::ErrorKind;
+use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, FromArgMatches};
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::time::{Duration, Instant};
@@ -126,8 +127,20 @@ impl clap::Args for OptionalScene {
 
 impl FromArgMatches for OptionalScene {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let others = <SceneArgs as clap::Args>::augment_args_for_update(Command::new(""));
+        let typed = |id: &str| matches.value_source(id) == Some(ValueSource::CommandLine);
+        let alone = others.get_arguments().map(|a| a.get_id().as_str()).find(|id| typed(id));
         match ["camera", "scene"].map(|id| matches.contains_id(id)) {
-            [false, false] => Ok(Self(None)),
+            [false, false] => match alone {
+                None => Ok(Self(None)),
+                Some(id) => Err(clap::Error::raw(
+                    ErrorKind::MissingRequiredArgument,
+                    format!(
+                        "--{} is for --gige, with --camera and --scene\n",
+                        id.replace('_', "-")
+                    ),
+                )),
+            },
             [true, true] => SceneArgs::from_arg_matches(matches).map(|scene| Self(Some(scene))),
             _ => Err(clap::Error::raw(
                 ErrorKind::MissingRequiredArgument,
@@ -175,12 +188,21 @@ pub fn serve(
     let view = scene.view();
     let opens = "take this camera's frames and control it";
     listen::remote(&place.to_string(), allow_remote, opens)?;
+    if place.ip().is_unspecified() {
+        return Err(Error::input(format!("a camera at {}", place.ip()))
+            .help("a camera tells its address: give that of one interface"));
+    }
     let server = Server::bind(place).map_err(|e| {
         Error::device(format!("cannot listen there: {e}")).at(place).help(
             "use an address of this machine, and another one of it for each camera: 127.0.0.2, ...",
         )
     })?;
     let camera = view.camera.load()?;
+    let (width, height) = (camera.sensor.width, camera.sensor.height);
+    if width < 4 || height < 2 {
+        return Err(Error::unsupported(format!("a camera of {width} x {height} pixels"))
+            .help("regions over GigE Vision have 4 columns and 2 rows at least"));
+    }
     let pattern = pattern(&camera.sensor.cfa)?;
     let changes =
         view.motion.is_some() || args.time.is_given() || view.sequence.is_sequence(&view.scene)?;
@@ -203,7 +225,7 @@ pub fn serve(
         arithmetic: args.arith,
         rig,
         frames,
-        written: None,
+        held: Vec::new(),
         is_stuck: false,
         frame_lines: bound_to_rate.then_some(sensor.timing.frame_lines),
         line_ns: sensor.line_ns,
@@ -296,8 +318,8 @@ struct Source<'a> {
     arithmetic: Arithmetic,
     rig: Rig,
     frames: RigFrames<'a>,
-    /// Registers as last written, by their addresses.
-    written: Option<[(u16, u16); 5]>,
+    /// What the sensor's registers hold, by their addresses.
+    held: Vec<(u16, u16)>,
     /// Whether the fault register holds a fault that lasts.
     is_stuck: bool,
     /// Frame length that a changing scene keeps time with, until that was reported.
@@ -324,12 +346,12 @@ impl Source<'_> {
             self.frames.stood_by();
         }
         let lost = self.frames.has_stuck_registers(order.frame);
-        for (i, (register, value)) in wanted.into_iter().enumerate() {
-            if !lost && self.written.is_none_or(|written| written[i].1 != value) {
-                self.rig.write_register(register, value.into())?;
+        if order.is_written && !lost {
+            for setting in wanted.into_iter().filter(|setting| !self.held.contains(setting)) {
+                self.rig.write_register(setting.0, setting.1.into())?;
             }
+            self.held = wanted.to_vec();
         }
-        self.written = Some(wanted);
         if order.after_standby {
             self.rig.write_register(address::MODE_SELECT, 1)?;
         }

@@ -116,8 +116,17 @@ impl DarkCurrent {
         let median_by_site: Vec<Value> = of_sites.map(|r| Sorted::new(r).estimate(0.5)).collect();
         let excess = |p: usize| rates[p] - median_by_site[sites.of(p % width, p / width)].value;
         let mut above: Vec<f64> = (0..rates.len()).map(excess).collect();
-        let Core { centre, sd: core } = Core::of(&sorted);
-        let within = Core::of(&Sorted::new(above.iter().copied())).sd;
+        let stacks: Vec<(f64, f64, usize)> = exposed
+            .iter()
+            .zip(&noises)
+            .map(|(d, noise)| {
+                let frames = d.stack.frames.len();
+                (d.stack.exposure_s, frames as f64 / noise, frames)
+            })
+            .collect();
+        let step = step(&stacks);
+        let Core { centre, sd: core } = Core::of(&sorted, step);
+        let within = Core::of(&Sorted::new(above.iter().copied()), step).sd;
         let limit = HOT * core.value.max(own.sqrt());
         let hot_areas = hot_areas(&mut above, width, limit);
         let hot: Vec<f64> = above.iter().copied().filter(|r| *r > limit).collect();
@@ -142,14 +151,7 @@ impl DarkCurrent {
             hot_excess: (hot.len() > 3).then(|| mean(&excess)),
             intercept_above_bias: clipped_mean(intercepts, CLIP),
             rates,
-            stacks: exposed
-                .iter()
-                .zip(&noises)
-                .map(|(d, noise)| {
-                    let frames = d.stack.frames.len();
-                    (d.stack.exposure_s, frames as f64 / noise, frames)
-                })
-                .collect(),
+            stacks,
         })
     }
 
@@ -178,6 +180,17 @@ impl DarkCurrent {
     pub fn quantile(&self, p: f64) -> f64 {
         Sorted::new(self.rates.iter().copied()).quantile(p)
     }
+}
+
+/// How far a slope over exposure moves at most with one code in one frame, DN/s: of stacks with
+/// exposure, weight and frames.
+fn step(stacks: &[(f64, f64, usize)]) -> f64 {
+    let sum = |of: &dyn Fn(f64) -> f64| stacks.iter().map(|(t, w, _)| w * of(*t)).sum::<f64>();
+    let centre = sum(&|t| t) / sum(&|_| 1.0);
+    let squares = sum(&|t| (t - centre).powi(2));
+    let of_stack =
+        |(t, w, frames): &(f64, f64, usize)| w * (t - centre).abs() / squares / *frames as f64;
+    stacks.iter().map(of_stack).fold(0.0, f64::max)
 }
 
 /// Variance of the mean of so many levels of variance 1 that are correlated with the next.

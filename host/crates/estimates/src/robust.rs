@@ -127,8 +127,10 @@ pub struct Core {
 impl Core {
     /// From all values within three deviations of the median, where that agrees with the lower half
     /// alone, which knows nothing of the tail but has 2.4 times the error; else the median, and the
-    /// lower half.
-    pub fn of(sorted: &Sorted) -> Self {
+    /// lower half. `step` is how far a value moves where one of the whole numbers it is made of
+    /// changes by one: quantiles are not known better than rounding to it (step/√12), which on a
+    /// lattice with others between its points their own errors do not tell.
+    pub fn of(sorted: &Sorted, step: f64) -> Self {
         /// Where values are cut, and what the cut leaves of a normal law's variance: 1 − 2cφ(c)/
         /// (2Φ(c) − 1).
         const CUT: f64 = 3.0;
@@ -136,7 +138,8 @@ impl Core {
         /// Standard errors of the deviation and the mean over σ/√n, of values so cut (Huber 1981).
         const ERRORS: [f64; 2] = [0.761, 1.014];
         const PASSES: usize = 30;
-        let (low, middle) = (sorted.lower_sd(), sorted.estimate(0.5));
+        let rounded = |v: Value| Value::new(v.value, v.std_error.max(step / 12f64.sqrt()));
+        let (low, middle) = (rounded(sorted.lower_sd()), rounded(sorted.estimate(0.5)));
         let within = |sd: f64| {
             let kept = sorted.0.iter().map(|v| v - middle.value).filter(|v| v.abs() <= CUT * sd);
             kept.fold([0.0; 3], |[n, sum, squares], v| [n + 1.0, sum + v, squares + v * v])
@@ -194,7 +197,7 @@ mod tests {
         assert!(median.value.abs() < 4.0 * median.std_error);
         let sd = sorted.lower_sd();
         assert!((sd.value - 1.0).abs() < 4.0 * sd.std_error && sd.std_error < 0.01, "{sd:?}");
-        let core = Core::of(&sorted);
+        let core = Core::of(&sorted, 0.0);
         assert!((core.sd.value - 1.0).abs() < 4.0 * core.sd.std_error, "{:?}", core.sd);
         assert!(core.centre.value.abs() < 4.0 * core.centre.std_error, "{:?}", core.centre);
         assert!(core.sd.std_error < 0.5 * sd.std_error, "{:?}", core.sd);
@@ -202,7 +205,7 @@ mod tests {
         // Of a wide tail, the median and the lower half.
         let tail = |(i, v): (usize, &f64)| if i % 5 == 0 { v.abs() * 4.0 } else { *v };
         let sorted = Sorted::new(values.iter().enumerate().map(tail));
-        let core = Core::of(&sorted);
+        let core = Core::of(&sorted, 0.0);
         assert_eq!((core.centre, core.sd), (sorted.estimate(0.5), sorted.lower_sd()));
         let kept = jackknife(values.len().min(200), |i| {
             let rest = values[..200].iter().enumerate().filter(|(k, _)| *k != i).map(|(_, v)| v);
@@ -223,6 +226,31 @@ mod tests {
         let none = Sorted::new([f64::NAN]);
         assert!(none.estimate(0.5).value.is_nan() && none.quantile(0.1).is_nan());
         assert!(none.lower_sd().value.is_nan());
+    }
+
+    /// Means of 12 whole numbers less the mean of as many, weighted so that no two points of their
+    /// lattice are the same: the core is not taken for one with a tail.
+    #[test]
+    fn a_lattice_with_others_between_its_points_is_no_tail() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
+        let mut mean_of = |mean: f64| {
+            let codes = (0..12).map(|_| {
+                let z: f64 = StandardNormal.sample(&mut rng);
+                (mean + 1.4 * z).round()
+            });
+            codes.sum::<f64>() / 12.0
+        };
+        let values: Vec<f64> = (0..50_000)
+            .map(|_| mean_of(64.55) - 0.503 * mean_of(64.0) - 0.497 * mean_of(64.0))
+            .collect();
+        let core = Core::of(&Sorted::new(values.iter().copied()), 1.0 / 12.0);
+        assert!(
+            (core.centre.value - 0.55).abs() < 4.0 * core.centre.std_error,
+            "{:?}",
+            core.centre
+        );
+        let sd = variance(&values).sqrt();
+        assert!((core.sd.value / sd - 1.0).abs() < 0.01, "{:?} {sd}", core.sd);
     }
 
     #[test]

@@ -68,6 +68,8 @@ pub struct Order {
     /// The sensor stood by before this frame, so that its settings act at once: it is the first of
     /// an acquisition, or was triggered. Else they act with the sensor's delay.
     pub after_standby: bool,
+    /// Whether an application has written timing or test pattern since the order before.
+    pub is_written: bool,
     /// Timing as last written.
     pub timing: Timing,
     /// Test pattern: 0 none, 1 solid, 2 colour bars, 4 PN9 (MIPI CCS).

@@ -63,6 +63,8 @@ pub struct Device {
     memory: Memory,
     /// Timing as last written.
     timing: Timing,
+    /// Whether timing or test pattern have been written since the last order.
+    is_written: bool,
     controller: Option<Controller>,
     acquisition: Option<Acquisition>,
     /// Whether a frame is being exposed, and the block that it becomes unless it is no longer
@@ -90,6 +92,7 @@ impl Device {
             formats,
             memory,
             timing,
+            is_written: true,
             controller: None,
             acquisition: None,
             is_busy: false,
@@ -169,6 +172,7 @@ impl Device {
         Some(Order {
             frame,
             after_standby,
+            is_written: std::mem::take(&mut self.is_written),
             timing: self.timing.in_force(),
             test_pattern: self.memory.short(feature::TEST_PATTERN),
             test_value: self.memory.short(feature::TEST_VALUE),
@@ -190,6 +194,11 @@ impl Device {
     pub fn deliver(&mut self, taken: Taken) {
         self.is_busy = false;
         let Some(block) = self.exposing.take() else { return };
+        if taken == Taken::End {
+            // Frames that wait are sent.
+            self.acquisition = None;
+            return self.memory.set(feature::ACQUISITION, 0);
+        }
         self.memory.set(feature::FRAME_NUMBER, (block.id - 1) as u32);
         let counter = match taken {
             Taken::Image(image, counter) => {
@@ -197,7 +206,7 @@ impl Device {
                 counter
             }
             Taken::Dropped(counter) => counter,
-            Taken::End => return self.stop(),
+            Taken::End => return,
         };
         self.memory.set(feature::FRAME_COUNTER, counter.into());
         if self.acquisition.is_some_and(|a| a.is_over()) {
@@ -375,6 +384,7 @@ impl Device {
         if !taken {
             return Err(Status::InvalidParameter);
         }
+        self.is_written |= [feature::TEST_PATTERN, feature::TEST_VALUE].contains(&address);
         self.memory.set(address, value);
         Ok(())
     }
@@ -394,10 +404,12 @@ impl Device {
             }
             feature::PACKET_LOSS if (0.0..=100.0).contains(&value) => {
                 self.memory.set_float(address, value);
+                return Ok(());
             }
             feature::PACKET_LOSS => return Err(refused),
             _ => return Err(Status::InvalidAddress),
         }
+        self.is_written = true;
         Ok(())
     }
 
@@ -478,8 +490,8 @@ fn bootstrap_values(memory: &mut Memory, sensor: &Sensor, address: Ipv4Addr, sou
     const VERSION_2_0: u32 = 0x0002_0000;
     /// Big endian, texts in UTF-8.
     const MODE: u32 = 0x8000_0001;
-    /// DHCP and link-local addresses are supported as much as the host's system supports them.
-    const IP_MODES: u32 = 0x7;
+    /// DHCP and link-local addresses, as much as the host's system supports them.
+    const IP_MODES: u32 = 0x6;
     /// User name, serial number; resend, WRITEMEM and several registers in a command.
     const CAPABILITIES: u32 = 0xC000_0007;
     /// Source port register; block numbers of 16 bits.
@@ -493,7 +505,7 @@ fn bootstrap_values(memory: &mut Memory, sensor: &Sensor, address: Ipv4Addr, sou
         (bootstrap::MAC_HIGH, MAC_HIGH),
         (bootstrap::MAC_LOW, address.into()),
         (bootstrap::IP_SUPPORTED, IP_MODES),
-        (bootstrap::IP_CURRENT, 5),
+        (bootstrap::IP_CURRENT, IP_MODES),
         (bootstrap::IP_ADDRESS, address.into()),
         (bootstrap::IP_MASK, mask),
         (bootstrap::INTERFACES, 1),

@@ -387,8 +387,13 @@ fn faults() -> Vec<Feature<'static>> {
             "Packets of the stream that are not sent, at random",
             Kind::Float { min: 0.0, max: 100.0, unit: "%" },
         ),
-        of("FrameNumber", feature::FRAME_NUMBER, "Number of the newest frame, from 0", integer())
-            .read_only(),
+        of(
+            "FrameNumber",
+            feature::FRAME_NUMBER,
+            "Number of the newest frame, from 0",
+            Kind::Integer { min: 0, max: Max::Value(u32::MAX), step: 1 },
+        )
+        .read_only(),
         of("FrameCounter", feature::FRAME_COUNTER, "The sensor's frame counter", integer())
             .read_only(),
     ]

@@ -122,7 +122,8 @@ impl<'a> Request<'a> {
             Ok(payload) => (0, payload),
             Err(status) => (status as u16, &[][..]),
         };
-        acknowledgement(status, self.code + 1, self.id, payload)
+        // Unknown codes reach to the end of the range.
+        acknowledgement(status, self.code.wrapping_add(1), self.id, payload)
     }
 }
 

@@ -87,23 +87,31 @@ impl Server {
         };
         let shared = &shared;
         std::thread::scope(|scope| {
-            scope.spawn(|| shared.obey(&self.control, &self.control));
+            scope.spawn(|| shared.answer(&self.control, &self.control));
             if let Some(broadcast) = &self.broadcast {
-                scope.spawn(move || shared.obey(broadcast, &self.control));
+                scope.spawn(move || shared.answer(broadcast, &self.control));
             }
             scope.spawn(|| shared.send(&self.stream));
-            let outcome = shared.expose(camera, stops);
-            shared.ends.store(true, Ordering::Release);
-            outcome
+            shared.take_frames(camera, stops)
         })?;
         let counts = shared.device().counts();
         Ok(counts)
     }
 }
 
+/// Held by each thread: with the first that returns or panics, all end.
+struct Ending<'a>(&'a Shared);
+
+impl Drop for Ending<'_> {
+    fn drop(&mut self) {
+        self.0.ends.store(true, Ordering::Release);
+        self.0.changed.notify_all();
+    }
+}
+
 impl Shared {
     fn device(&self) -> MutexGuard<'_, Device> {
-        // A thread that panicked ends the scope, and with it the server.
+        // With a thread that panicked the server ends.
         self.device.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -123,7 +131,8 @@ impl Shared {
 
     /// Answers what arrives at a socket. What is sent to everybody comes from other machines, too,
     /// and may only ask who is there.
-    fn obey(&self, socket: &UdpSocket, answers: &UdpSocket) {
+    fn answer(&self, socket: &UdpSocket, answers: &UdpSocket) {
+        let _ending = Ending(self);
         let is_for_all = !std::ptr::eq(socket, answers);
         let mut datagram = [0; MAX_DATAGRAM];
         while !self.has_ended() {
@@ -146,6 +155,7 @@ impl Shared {
 
     /// Sends the stream.
     fn send(&self, socket: &UdpSocket) {
+        let _ending = Ending(self);
         let mut packet = Vec::new();
         while !self.has_ended() {
             let mut device = self.device();
@@ -168,8 +178,13 @@ impl Shared {
     }
 
     /// Takes frames as the device orders them.
-    fn expose<C: Camera>(&self, camera: &mut C, stops: impl Fn() -> bool) -> Result<(), C::Error> {
-        while !stops() {
+    fn take_frames<C: Camera>(
+        &self,
+        camera: &mut C,
+        stops: impl Fn() -> bool,
+    ) -> Result<(), C::Error> {
+        let _ending = Ending(self);
+        while !stops() && !self.has_ended() {
             let mut device = self.device();
             match device.order(self.now()) {
                 Some(order) => {

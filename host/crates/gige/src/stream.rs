@@ -6,9 +6,10 @@ use crate::gvsp::{self, Block, IP_UDP_BYTES};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Blocks kept for repeats after they were sent: four, and as many more as this memory holds. A
-/// trade: hosts ask within 100 ms, at 30 frames/s for three blocks.
+/// Blocks kept for repeats after they were sent: four, and as many more up to 64 as this memory
+/// holds. A trade: hosts ask within 100 ms, at 30 frames/s for three blocks.
 const MIN_KEPT_BLOCKS: usize = 4;
+const MAX_KEPT_BLOCKS: usize = 64;
 const KEPT_BYTES: usize = 64 << 20;
 /// Blocks that may wait or be on their way. A trade: one is exposed while another is sent.
 const MAX_WAITING: usize = 2;
@@ -89,7 +90,9 @@ impl Stream {
 
     /// Packets to be sent once more.
     pub fn repeat(&mut self, request: Resend) {
-        if self.repeats.len() < MAX_REPEATS && request.first <= request.last {
+        // No block has the number 0.
+        let names_packets = request.block > 0 && request.first <= request.last;
+        if names_packets && self.repeats.len() < MAX_REPEATS {
             self.repeats.push_back(request);
         }
     }
@@ -112,6 +115,8 @@ impl Stream {
             out.resize(bytes, 0);
             return Ok(false);
         }
+        // Packets that are lost may be the last ones of blocks.
+        let mut ends = false;
         loop {
             if self.repeats.is_empty() && self.waiting.is_empty() {
                 return Err(None);
@@ -119,7 +124,7 @@ impl Stream {
             if now < self.due {
                 return Err(Some(self.due));
             }
-            let ends = !self.repeated(out) && self.packet(out);
+            ends |= !self.repeated(out) && self.packet(out);
             if self.draw() >= sending.loss {
                 self.due = now + sending.delay;
                 return Ok(ends);
@@ -165,7 +170,9 @@ impl Stream {
     /// Forgets the oldest blocks.
     fn forget(&mut self) {
         let mut bytes: usize = self.sent.iter().map(|block| block.image.len()).sum();
-        while self.sent.len() > MIN_KEPT_BLOCKS && bytes > KEPT_BYTES {
+        let mut count = self.sent.len();
+        while count > MAX_KEPT_BLOCKS || (count > MIN_KEPT_BLOCKS && bytes > KEPT_BYTES) {
+            count -= 1;
             bytes -= self.sent.pop_front().map_or(0, |block| block.image.len());
         }
     }

@@ -141,8 +141,9 @@ impl Faults {
     ) -> Result<Vec<String>> {
         let mut done = Vec::new();
         for entry in self.entries.iter().filter(|entry| entry.when.has(frame)) {
-            if taken.dropped {
-                break;
+            // A frame that is not there has no samples to change, but what was written is lost.
+            if taken.dropped && entry.what != What::StuckRegisters {
+                continue;
             }
             let rows = Rows { columns, bits, frame };
             if act(&entry.what, self.previous.as_ref(), taken, &rows)
