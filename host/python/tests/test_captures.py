@@ -120,6 +120,20 @@ def test_what_is_wrong_is_said(change, said):
     assert raised.value.what
 
 
+@pytest.mark.parametrize("dn_per_e", [0, -1.0, float("nan"), float("inf")])
+def test_a_gain_is_above_zero(dn_per_e):
+    frames = np.zeros((2, 16, 16), np.uint16)
+    with pytest.raises(ValueError, match="dn_per_e"):
+        camrig.measure.dark(frames, dn_per_e=dn_per_e)
+
+
+def test_arguments_of_another_class():
+    with pytest.raises(TypeError, match="Captures"):
+        camrig.measure.ptc(np.zeros((2, 4, 4), np.uint16))
+    with pytest.raises(ValueError, match="'Z'"):
+        camrig.measure.mtf(np.zeros((40, 40), np.uint16), cfa="RGGB", channels=["Z"])
+
+
 def test_frames_of_two_sizes():
     stack = {"role": "dark", "exposure_s": 0.01}
     sizes = {str(n): {"frames": np.zeros((1, n, n), np.uint16), **stack} for n in (4, 6)}

@@ -1,5 +1,8 @@
 """Frames are those of the program, byte for byte."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -90,6 +93,16 @@ def test_keys_of_a_camera(camera):
     assert raised.value.kind == "input" and raised.value.help
     with pytest.raises(TypeError, match="sensor"):
         camera.set(prnu=0.1)
+
+
+def test_a_camera_goes_to_other_processes(camera):
+    own = camera.set({"sensor.noise.read_e": 2.0})
+    for again in (pickle.loads(pickle.dumps(own)), copy.deepcopy(own)):
+        assert again.to_toml() == own.to_toml() and repr(again) == repr(own)
+    text = camrig.Camera.from_toml(own.to_toml()).set(width=32)
+    assert pickle.loads(pickle.dumps(text)).shape == (48, 32)
+    with pytest.raises(ValueError, match="frames = -1"):
+        camera.simulate("uniform:0.18", 0.01, frames=-1)
 
 
 def test_raw_files(camera, tmp_path):

@@ -12,7 +12,7 @@ use crate::search::evaluation::{Evaluation, RUNS};
 use crate::search::{Known, Outcome};
 use crate::verdict;
 use crate::verdict::improved::{self, ImprovedFile};
-use camrig_base::{Bands, Result, Value};
+use camrig_base::{Bands, Error, Result, Value};
 use camrig_camera::Camera;
 use camrig_captures::CaptureSet;
 use camrig_clean::{Cleaned, Finding};
@@ -113,6 +113,9 @@ fn requantised(camera: &Camera, finding: &Finding) -> Option<Proposal> {
     Proposal::of(KIND, certain, parameters).map(|p| Proposal { by_evidence: true, ..p })
 }
 
+/// Least columns and rows: twice the longest period that is looked for in them.
+const MIN_SIDE: u32 = 16;
+
 /// Cleans, divides and measures a set. Returns also the camera in the digital numbers of the
 /// cleaned frames, and with their size, and these frames.
 fn measure(
@@ -126,6 +129,10 @@ fn measure(
     }
     let mut camera = camera.clone();
     let (w, h) = (set.sensor.width as u32, set.sensor.height as u32);
+    if w.min(h) < MIN_SIDE {
+        return Err(Error::limit(format!("frames of {w} x {h} pixels"))
+            .help(format!("a comparison needs {MIN_SIDE} columns and rows at least")));
+    }
     if w <= camera.sensor.width && h <= camera.sensor.height {
         (camera.sensor.width, camera.sensor.height) = (w, h);
     }

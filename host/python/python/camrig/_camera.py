@@ -36,21 +36,29 @@ class Camera:
     (48, 64)
     """
 
-    __slots__ = ("_own",)
+    __slots__ = ("_made_of", "_own")
 
     def __init__(self, camera: str | os.PathLike[str]) -> None:
-        self._own = _camrig.Camera(os.fspath(camera))
+        name = os.fspath(camera)
+        self._own = _camrig.Camera(name)
+        # What makes it again in another process: a name or a text with its folder, and changes.
+        self._made_of: tuple[tuple[str, ...], list[str]] = ((name,), [])
 
     @classmethod
-    def _of(cls, own: _camrig.Camera) -> Camera:
+    def _of(cls, source: tuple[str, ...], changes: list[str]) -> Camera:
+        own = _camrig.Camera(*source) if len(source) == 1 else _camrig.Camera.from_toml(*source)
         camera = object.__new__(cls)
-        camera._own = own
+        camera._own = own._changed(changes) if changes else own
+        camera._made_of = (source, changes)
         return camera
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Camera._of, self._made_of)
 
     @classmethod
     def from_toml(cls, text: str, folder: str | os.PathLike[str] = ".") -> Camera:
         """A camera of the text of a camera file; files that it names are in ``folder``."""
-        return cls._of(_camrig.Camera.from_toml(text, folder))
+        return cls._of((text, os.fspath(folder)), [])
 
     def set(self, keys: Mapping[str, Any] | None = None, /, **short: Any) -> Camera:
         """The camera with other values of keys of its file.
@@ -68,7 +76,8 @@ class Camera:
         if unknown:
             raise TypeError(f"{unknown[0]}: give it by its path, set({{'sensor.…': value}})")
         paths = {f"sensor.{key}": value for key, value in short.items()}
-        return self._of(self._own._changed(_plain.lines({**(keys or {}), **paths})))
+        source, changes = self._made_of
+        return self._of(source, [*changes, *_plain.lines({**(keys or {}), **paths})])
 
     def to_toml(self) -> str:
         """The text of the camera file. Tables that it names are files beside the one it is of."""
@@ -183,8 +192,8 @@ class Camera:
             self._own,
             exposure,
             gain=gain,
-            frames=1 if frames is None else frames,
-            first_frame=first_frame,
+            frames=1 if frames is None else _plain.whole("frames", frames, least=1),
+            first_frame=_plain.whole("first_frame", first_frame),
             arithmetic=arithmetic,
             rig=rig,
         )
@@ -230,8 +239,6 @@ class Camera:
 
 def _stacked(frames: Iterator[Frame], count: int) -> Any:
     """Frames as one array (of each capture), which each is copied into as it comes."""
-    if count < 1:
-        raise ValueError(f"frames = {count}: one at least")
     first = next(frames)
     if isinstance(first, dict):
         all_of = {name: np.empty((count, *f.shape), f.dtype) for name, f in first.items()}

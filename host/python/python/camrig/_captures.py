@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from . import _camrig, _plain
@@ -14,7 +14,7 @@ Progress = Callable[[str, int, int], object]
 
 
 class Captures:
-    """Stacks of frames with the conditions under which they were taken; immutable.
+    """Stacks of frames with the conditions under which they were taken.
 
     Parameters
     ----------
@@ -23,7 +23,8 @@ class Captures:
         (``dark``, ``flat``, ``edge``, ``chart``, ``dots``, ``scene``), ``exposure_s`` and what else
         ``[[capture]]`` of ``captures.toml`` takes: ``analog_gain``, ``temperature_c``, ``light``
         (a mapping: ``photons_per_pixel_per_s``, ``irradiance_w_m2`` with ``wavelength_nm``, ``lux``
-        with ``illuminant``), ``scene``. The arrays are shared, not copied.
+        with ``illuminant``), ``scene``. The arrays are shared, not copied: leave
+        their samples as they are.
     bits : int
         Bits of a sample.
     cfa : str, optional
@@ -63,7 +64,9 @@ class Captures:
         }
         frames = {}
         captures = ""
-        for name, stack in stacks.items():
+        for name, stack in _plain.instance("stacks", stacks, Mapping).items():
+            if {"id", "files"} & stack.keys():
+                raise ValueError(f"captures {name!r}: the key is the id, and there are no files")
             if "frames" not in stack:
                 raise ValueError(f"captures {name!r} have no frames")
             frames[name] = stack["frames"]
@@ -132,7 +135,7 @@ def diagnose(
     captures: Captures,
     *,
     region: tuple[int, int, int, int] | None = None,
-    without: tuple[str, ...] = (),
+    without: str | Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Search for the effects that a camera model lacks.
@@ -143,16 +146,16 @@ def diagnose(
     captures : Captures
     region : tuple of int, optional
         First column, first row, width and height of the part of the frames that is used.
-    without : tuple of str
+    without : str or sequence of str
         Effects that are not looked for.
     progress : callable, optional
         Called with what, done and total (0 where nothing is counted).
     """
     found = _camrig.diagnose(
-        camera._own,
-        captures._own,
+        _plain.instance("camera", camera, Camera)._own,
+        _plain.instance("captures", captures, Captures)._own,
         region=region,
-        without=list(without),
+        without=[without] if isinstance(without, str) else list(without),
         progress=progress,
     )
     return Diagnosis(json.loads(found.report), found.improved)
@@ -166,7 +169,12 @@ def compare(
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Compare a camera model with captures, as ``camrig compare --json`` prints it."""
-    text = _camrig.compare(camera._own, captures._own, region=region, progress=progress)
+    text = _camrig.compare(
+        _plain.instance("camera", camera, Camera)._own,
+        _plain.instance("captures", captures, Captures)._own,
+        region=region,
+        progress=progress,
+    )
     result: dict[str, Any] = json.loads(text)
     return result
 
@@ -211,5 +219,7 @@ def fit(
     dn_per_e : float, optional
         System gain at unity gain, where there are no flats.
     """
-    text = _camrig.fit(captures._own, name, like, _plain.lines(given or {}), dn_per_e)
+    own = _plain.instance("captures", captures, Captures)._own
+    dn_per_e = _plain.positive("dn_per_e", dn_per_e)
+    text = _camrig.fit(own, name, like, _plain.lines(given or {}), dn_per_e)
     return Fitted(**json.loads(text))

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _camrig
+from . import _camrig, _plain
 from ._camera import Camera
 
 __all__ = ["expose", "mosaic", "noisy", "unprocess"]
@@ -59,11 +59,12 @@ def expose(
     means = np.ascontiguousarray(electrons, dtype=np.float32)
     if means.ndim != 3:
         raise ValueError(f"electrons of shape {means.shape}: give frames x rows x columns")
+    _plain.instance("camera", camera, Camera)
     if camera.shape != means.shape[1:]:
         camera = camera.set(height=means.shape[1], width=means.shape[2])
-    return _camrig.expose_electrons(
-        camera._own, means, [int(seed) for seed in seeds], exposure_s, gain, arithmetic
-    )
+    numbers = [_plain.whole("seeds", seed) for seed in seeds]
+    _plain.positive("exposure_s", exposure_s)
+    return _camrig.expose_electrons(camera._own, means, numbers, exposure_s, gain, arithmetic)
 
 
 def mosaic(pictures: NDArray[np.floating[Any]], cfa: str) -> NDArray[np.float32]:
@@ -114,10 +115,16 @@ def unprocess(
     values = np.asarray(srgb, dtype=np.float32)
     if values.shape[-1] != 3 or not (values.min() >= 0 and values.max() <= 1):
         raise ValueError("srgb: values from 0 to 1, last axis red, green, blue")
+    gains = np.asarray(white_balance, dtype=np.float64)
+    if gains.shape != (3,) or not (np.isfinite(gains).all() and gains.min() > 0):
+        raise ValueError("white_balance: three gains above 0")
     linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
     if colour_matrix is not None:
-        linear = linear @ np.linalg.inv(np.asarray(colour_matrix, dtype=np.float64)).T
-    raw = np.clip(linear, 0, None) / np.asarray(white_balance)
+        matrix = np.asarray(colour_matrix, dtype=np.float64)
+        if matrix.shape != (3, 3) or not np.allclose(matrix.sum(axis=1), 1, atol=1e-3):
+            raise ValueError("colour_matrix: 3 x 3, rows of sum 1, which keep white")
+        linear = linear @ np.linalg.inv(matrix).T
+    raw = np.clip(linear, 0, None) / gains
     return np.asarray(raw, dtype=np.float32)
 
 

@@ -13,21 +13,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _camrig
+from . import _camrig, _plain
 from ._captures import Captures
 
 __all__ = ["dark", "emva", "mtf", "ptc"]
 
 
+def _own(captures: Captures) -> _camrig.Captures:
+    return _plain.instance("captures", captures, Captures)._own
+
+
 def ptc(captures: Captures) -> dict[str, Any]:
     """Photon transfer: gain, read noise, dark current, full well, of dark and flat captures."""
-    result: dict[str, Any] = json.loads(_camrig.ptc(captures._own))
+    result: dict[str, Any] = json.loads(_camrig.ptc(_own(captures)))
     return result
 
 
 def emva(captures: Captures) -> dict[str, Any]:
     """EMVA 1288 release 4.0, of dark and flat captures with known light."""
-    result: dict[str, Any] = json.loads(_camrig.emva(captures._own))
+    result: dict[str, Any] = json.loads(_camrig.emva(_own(captures)))
     return result
 
 
@@ -52,7 +56,9 @@ def dark(
     if not isinstance(frames, Captures):
         stack = {"frames": frames, "role": "dark", "exposure_s": 0.0}
         frames = Captures({"dark": stack}, bits=bits, cfa=cfa)
-    result: dict[str, Any] = json.loads(_camrig.dark(frames._own, dn_per_e))
+    result: dict[str, Any] = json.loads(_camrig.dark(
+        frames._own, _plain.positive("dn_per_e", dn_per_e)
+    ))
     return result
 
 
@@ -83,6 +89,10 @@ def mtf(
         For cycles per millimetre.
     """
     letters = None if channels is None else list(channels)
+    unknown = set(letters or ()) - set("M" if cfa.lower() == "mono" else cfa)
+    if unknown:
+        raise ValueError(f"channels: no {sorted(unknown)[0]!r} in {cfa}")
+    pitch_um = _plain.positive("pitch_um", pitch_um)
     text = _camrig.mtf(frames, cfa, letters, [list(r) for r in regions], white_level_dn, pitch_um)
     result: dict[str, Any] = json.loads(text)
     return result

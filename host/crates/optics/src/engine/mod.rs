@@ -366,6 +366,9 @@ impl Band<'_> {
     }
 }
 
+/// Most cells per pixel and direction, which bounds the memory.
+const MAX_CELLS: usize = 64;
+
 /// Cells per pixel, by the option or by the step error, and that error.
 fn cells_per_pixel(
     grid: &SensorGrid,
@@ -375,7 +378,10 @@ fn cells_per_pixel(
 ) -> Result<(usize, f64)> {
     let (pitch, aperture) = (grid.pitch_um, grid.aperture_um());
     match options.oversample {
-        Some(0) => Err(Error::input("0 cells per pixel").help("give at least 1")),
+        Some(s) if !(1..=MAX_CELLS).contains(&s) => {
+            Err(Error::limit(format!("{s} cells per pixel and direction"))
+                .help(format!("use 1 to {MAX_CELLS}")))
+        }
         Some(s) => Ok((s, sampling::step_error(s, pitch, aperture, cutoff_per_mm, otf))),
         None => sampling::oversample(options.step_error, pitch, aperture, cutoff_per_mm, otf),
     }
