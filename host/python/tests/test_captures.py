@@ -46,7 +46,8 @@ def arrays(folder):
         names = sorted(folder.glob(files)) if isinstance(files, str) else map(folder.joinpath, files)
         frames = [camrig.read_raw(name)[0] for name in names]
         frames = np.concatenate([f.reshape(-1, *f.shape[-2:]) for f in frames])
-        stacks[capture.pop("id")] = {"frames": frames, **capture}
+        name = capture.pop("id")
+        stacks[name] = {"frames": frames, **capture}
     size = {"width", "height"}
     return stacks, {key: value for key, value in sensor.items() if key not in size}
 

@@ -64,7 +64,7 @@ class Captures:
         }
         frames = {}
         captures = ""
-        for name, stack in _plain.instance("stacks", stacks, Mapping).items():
+        for name, stack in dict(stacks).items():
             if {"id", "files"} & stack.keys():
                 raise ValueError(f"captures {name!r}: the key is the id, and there are no files")
             if "frames" not in stack:
