@@ -31,8 +31,6 @@ use std::time::{Duration, Instant};
 
 /// Frame rate without one asked for or in the camera file, frames/s.
 const USUAL_FPS: f64 = 30.0;
-/// The fault that lasts, of the rig's fault register.
-const STUCK_COUNTER: u16 = 3;
 
 /// What the camera sees, and how it begins.
 #[derive(clap::Args, Debug)]
@@ -358,7 +356,7 @@ impl Source<'_> {
         if order.fault != 0 || self.is_stuck {
             self.rig.write_register(address::FAULT_ARGUMENT, order.fault_argument.into())?;
             self.rig.write_register(address::FAULT, order.fault.into())?;
-            self.is_stuck = order.fault == STUCK_COUNTER;
+            self.is_stuck = order.fault == gige::STUCK_COUNTER;
         }
         if self.frame_lines.take_if(|lines| *lines != frame_lines).is_some() {
             eprintln!(

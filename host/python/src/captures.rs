@@ -49,7 +49,8 @@ impl Captures {
                 .or_raise();
         };
         let text = format!(
-            "format = \"captures/1\"\n[sensor]\nwidth = {width}\nheight = {height}\n{sensor}\n{captures}"
+            "format = \"captures/1\"\n[sensor]\nwidth = {width}\nheight = {height}\n\
+             {sensor}\n{captures}"
         );
         let set = manifest::with_held(&text, held).or_raise()?;
         if u32::from(largest) >> set.sensor.bits != 0 {

@@ -159,12 +159,7 @@ impl DarkCurrent {
     /// change by 1 DN from frame to frame with a correlation of one frame with the next; errors of
     /// the figures are those of the pixels alone.
     pub fn errors_of_levels(&self, correlation: f64) -> [f64; 2] {
-        let sum = |of: &dyn Fn(f64) -> f64| -> f64 {
-            self.stacks.iter().map(|(t, w, _)| w * of(*t)).sum()
-        };
-        let weight = sum(&|_| 1.0);
-        let centre = sum(&|t| t) / weight;
-        let squares = sum(&|t| (t - centre).powi(2));
+        let Line { weight, centre, squares } = Line::through(&self.stacks);
         let mut errors = [0.0; 2];
         for (t, w, frames) in &self.stacks {
             let of_slope = w * (t - centre) / squares;
@@ -182,15 +177,30 @@ impl DarkCurrent {
     }
 }
 
-/// How far a slope over exposure moves at most with one code in one frame, DN/s: of stacks with
-/// exposure, weight and frames.
+/// What weights a line over exposure through stacks of an exposure, s, a weight and frames each.
+struct Line {
+    /// Sum of the weights.
+    weight: f64,
+    /// Weighted mean of the exposures, s.
+    centre: f64,
+    /// Weighted sum of their squared distances from it, s².
+    squares: f64,
+}
+
+impl Line {
+    fn through(stacks: &[(f64, f64, usize)]) -> Self {
+        let sum = |of: &dyn Fn(f64) -> f64| stacks.iter().map(|(t, w, _)| w * of(*t)).sum::<f64>();
+        let weight = sum(&|_| 1.0);
+        let centre = sum(&|t| t) / weight;
+        Self { weight, centre, squares: sum(&|t| (t - centre).powi(2)) }
+    }
+}
+
+/// How far the slope of a line moves at most with one code in one frame, DN/s.
 fn step(stacks: &[(f64, f64, usize)]) -> f64 {
-    let sum = |of: &dyn Fn(f64) -> f64| stacks.iter().map(|(t, w, _)| w * of(*t)).sum::<f64>();
-    let centre = sum(&|t| t) / sum(&|_| 1.0);
-    let squares = sum(&|t| (t - centre).powi(2));
-    let of_stack =
-        |(t, w, frames): &(f64, f64, usize)| w * (t - centre).abs() / squares / *frames as f64;
-    stacks.iter().map(of_stack).fold(0.0, f64::max)
+    let Line { centre, squares, .. } = Line::through(stacks);
+    let one = |(t, w, n): &(f64, f64, usize)| w * (t - centre).abs() / squares / *n as f64;
+    stacks.iter().map(one).fold(0.0, f64::max)
 }
 
 /// Variance of the mean of so many levels of variance 1 that are correlated with the next.

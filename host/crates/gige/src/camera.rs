@@ -60,6 +60,9 @@ pub struct Region {
     pub height: u32,
 }
 
+/// The fault that lasts until another one, or none, is asked for: the stuck counter.
+pub const STUCK_COUNTER: u16 = 3;
+
 /// A frame that the device asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Order {

@@ -6,7 +6,7 @@
 //! of the holder is a sign of life. With control the acquisition ends.
 
 use crate::acquisition::{Acquisition, Start};
-use crate::camera::{Order, Region, Sensor, Taken, Timing};
+use crate::camera::{Order, Region, STUCK_COUNTER, Sensor, Taken, Timing};
 use crate::features::{
     self, ACQUISITION_MODES, FAULTS, Limits, MIN_HEARTBEAT_MS, PACKET_SIZES, STEP, TEST_PATTERNS,
     WIDTH_STEP,
@@ -30,8 +30,6 @@ const FIRE_TEST: u32 = 1 << 31;
 const SIZE_FLAGS: u32 = 0x6000_0000;
 /// Bit of the GVSP configuration register: block numbers of 64 bits.
 const EXTENDED_IDS: u32 = 1 << 30;
-/// The stuck counter, a fault that lasts.
-const STUCK_COUNTER: u32 = 3;
 
 /// The application in control.
 #[derive(Clone, Copy, Debug)]
@@ -155,7 +153,7 @@ impl Device {
         let format = self.format();
         let region = self.region();
         let fault = self.memory.word(feature::FAULT);
-        if fault != STUCK_COUNTER {
+        if fault != u32::from(STUCK_COUNTER) {
             self.memory.set(feature::FAULT, 0);
         }
         let extended = self.memory.word(bootstrap::GVSP_CONFIGURATION) & EXTENDED_IDS != 0;
@@ -194,20 +192,20 @@ impl Device {
     pub fn deliver(&mut self, taken: Taken) {
         self.is_busy = false;
         let Some(block) = self.exposing.take() else { return };
-        if taken == Taken::End {
-            // Frames that wait are sent.
-            self.acquisition = None;
-            return self.memory.set(feature::ACQUISITION, 0);
-        }
-        self.memory.set(feature::FRAME_NUMBER, (block.id - 1) as u32);
+        let number = (block.id - 1) as u32;
         let counter = match taken {
             Taken::Image(image, counter) => {
                 self.stream.push(Block { image, ..block });
                 counter
             }
             Taken::Dropped(counter) => counter,
-            Taken::End => return,
+            Taken::End => {
+                // Frames that wait are sent.
+                self.acquisition = None;
+                return self.memory.set(feature::ACQUISITION, 0);
+            }
         };
+        self.memory.set(feature::FRAME_NUMBER, number);
         self.memory.set(feature::FRAME_COUNTER, counter.into());
         if self.acquisition.is_some_and(|a| a.is_over()) {
             self.acquisition = None;

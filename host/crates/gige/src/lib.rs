@@ -42,7 +42,7 @@ mod pixel;
 mod serve;
 mod stream;
 
-pub use camera::{Camera, Order, Region, Sensor, Taken, Timing, UNITY_GAIN_CODE};
+pub use camera::{Camera, Order, Region, STUCK_COUNTER, Sensor, Taken, Timing, UNITY_GAIN_CODE};
 pub use device::{Device, Next};
 pub use pixel::{Pattern, PixelFormat};
 pub use serve::{Server, Summary};

@@ -15,6 +15,8 @@
 use super::RigFrame;
 use camrig_base::{Error, Result};
 use camrig_rig_link::packing::{WrongSize, pack_row, unpack_row};
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use std::ops::RangeInclusive;
 use std::path::Path;
 use std::time::Duration;
@@ -194,11 +196,12 @@ fn act(
         }
         What::LostRows(lost) => rows.change(taken, lost.clone(), |_, row| row.fill(0))?,
         What::BitErrors(rate) => {
-            let mut draws = Draws(u64::from(rows.frame) << 32 | 0xfa17);
+            let seed = u64::from(rows.frame) << 32 | 0xfa17;
+            let mut draws = SplitMix64::from_seed(seed.to_le_bytes());
             rows.change(taken, 0..=u32::MAX, |_, row| {
                 let all = row.len() as u64 * u64::from(rows.bits);
-                for _ in 0..(all as f64 * rate + draws.fraction()) as u64 {
-                    let bit = draws.next() % all;
+                for _ in 0..(all as f64 * rate + fraction(&mut draws)) as u64 {
+                    let bit = draws.next_u64() % all;
                     row[(bit / u64::from(rows.bits)) as usize] ^=
                         1 << (bit % u64::from(rows.bits));
                 }
@@ -236,21 +239,9 @@ impl Rows {
     }
 }
 
-/// SplitMix64.
-struct Draws(u64);
-
-impl Draws {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// From 0 to 1.
-    fn fraction(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
+/// A random number from 0 to 1.
+fn fraction(draws: &mut SplitMix64) -> f64 {
+    (draws.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Two numbers with `-` between, the first not above the second.
