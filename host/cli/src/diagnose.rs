@@ -199,7 +199,7 @@ fn say(found: &Report) {
         }
     }
     if let Some(first) = &found.superseded {
-        println!("  {first} was named first; a search that begins without it explains more");
+        println!("  {first} was named first; another in its place explains more");
     }
     for m in &found.measures.mtf_at_nyquist {
         println!(

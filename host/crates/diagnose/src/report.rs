@@ -48,7 +48,7 @@ pub struct Report {
     pub statistics: usize,
     /// The effects that were found, in order.
     pub steps: Vec<Step>,
-    /// The effect that was named first, where a search that begins without it explains more.
+    /// The effect that was named first, where another in its place explains more.
     pub superseded: Option<String>,
     /// Statistics that the improved model leaves unexplained, the furthest first.
     pub unexplained: Vec<Unexplained>,

@@ -2,7 +2,7 @@
 
 use super::areas::{Area, far, find, mirrored, running_median};
 use super::bias::Bias;
-use super::robust::{clip, jackknife, mad_sd, mean, median};
+use super::robust::{jackknife, mad_sd, mean, median};
 use super::transfer::inefficiency;
 use super::{Sites, Stack};
 use camrig_base::Value;
@@ -18,6 +18,9 @@ const MIN_DEFECT: f64 = 0.05;
 /// The same of a line from those around it, and of a pixel of an area from the rest.
 const MIN_LINE_DEFECT: f64 = 0.04;
 const MIN_AREA_DEFECT: f64 = 0.1;
+/// Robust standard deviations beyond which a pixel's gain is not of the core: of a normal
+/// distribution one pixel in two million.
+const OUTLIER: f64 = 5.0;
 /// Part of the median level from which a pixel's noise tells the gain: that of others is not
 /// light's.
 const MIN_LIT: f64 = 0.5;
@@ -117,9 +120,11 @@ impl Flat {
             area.value.value += 1.0;
             defective_areas.push(area);
         }
+        // Single pixels that stand out are defects, no part of the core's spread.
+        let limit = OUTLIER * mad_sd(&map);
+        map.iter().zip(&mut used).for_each(|(v, used)| *used &= v.abs() <= limit);
         for map in &mut halves {
             map.iter_mut().zip(&used).for_each(|(v, used)| *v = if *used { *v } else { 0.0 });
-            clip(map, 5.0);
             remove_local_mean(map, width);
         }
         let products = |dx: usize, dy: usize| products(&halves, width, dx, dy);
@@ -353,7 +358,9 @@ impl SiteMaps {
                 let middle = if rows.contains(&y) { around[y] } else { middles[y] };
                 row.iter_mut().for_each(|v| *v /= middle);
             }
-            let smooth = smooth(&without_defective(&gain, columns, &rows), columns);
+            let ordinary = without_defective(&gain, columns, &rows);
+            let first = smooth(&ordinary, columns);
+            let smooth = smooth(&without_outliers(ordinary, &first), columns);
             gain.iter().zip(smooth).map(|(g, s)| g / s - 1.0).collect()
         };
         Self {
@@ -445,6 +452,18 @@ fn without_defective(gain: &[f64], width: usize, rows: &[usize]) -> Vec<f64> {
         filled[y * width..(y + 1) * width].copy_from_slice(&running);
     }
     filled
+}
+
+/// Single pixels that stand out, replaced by the smooth model that they bent.
+fn without_outliers(mut gain: Vec<f64>, smooth: &[f64]) -> Vec<f64> {
+    let departures: Vec<f64> = gain.iter().zip(smooth).map(|(g, s)| g / s - 1.0).collect();
+    let limit = OUTLIER * mad_sd(&departures);
+    for ((v, departure), smooth) in gain.iter_mut().zip(departures).zip(smooth) {
+        if departure.abs() > limit {
+            *v = *smooth;
+        }
+    }
+    gain
 }
 
 /// Legendre polynomials up to degree four along each side, fewer on short ones, by least squares.

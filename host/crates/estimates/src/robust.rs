@@ -173,10 +173,11 @@ pub fn jackknife(n: usize, without: impl Fn(usize) -> f64) -> f64 {
 pub fn trigamma(mut x: f64) -> f64 {
     let mut sum = 0.0;
     while x < 12.0 {
-        sum += x.powi(-2);
+        sum += 1.0 / (x * x);
         x += 1.0;
     }
-    sum + 1.0 / x + 0.5 / (x * x) + 1.0 / (6.0 * x.powi(3)) - 1.0 / (30.0 * x.powi(5))
+    let square = x * x;
+    sum + (1.0 + (0.5 + (1.0 / 6.0 - 1.0 / (30.0 * square)) / x) / x) / x
 }
 
 #[cfg(test)]

@@ -153,6 +153,8 @@ struct Sensor {
     torn_row: Option<usize>,
     dead_column: Option<usize>,
     dead_row: Option<usize>,
+    /// One pixel in so many with 0.4 of the gain.
+    defective_every: Option<usize>,
     /// A row, and a square of four pixels by four, with more dark current.
     hot_row: Option<usize>,
     hot_corner: Option<[usize; 2]>,
@@ -184,6 +186,7 @@ const SENSOR: Sensor = Sensor {
     torn_row: None,
     dead_column: None,
     dead_row: None,
+    defective_every: None,
     hot_row: None,
     hot_corner: None,
     site_rates: [0.0; 4],
@@ -227,7 +230,9 @@ impl Sensor {
                 let dead = self.dead_column == Some(p % width);
                 let dead = if dead { 0.5 } else { 1.0 };
                 let row = if self.dead_row == Some(p / width) { 0.0 } else { 1.0 };
-                (1.0 + self.prnu * normal()) * dead * row
+                let is_defective = self.defective_every.is_some_and(|n| p % n == 0);
+                let defect = if is_defective { 0.4 } else { 1.0 };
+                (1.0 + self.prnu * normal()) * dead * row * defect
             })
             .collect();
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed + 2000);
@@ -374,6 +379,16 @@ fn flicker_leaves_gain_and_prnu_as_they_are() {
     assert_is(found.gain.unwrap(), 0.27, 0.02);
     assert_eq!(flat.defective_columns, [17]);
     assert_is(flat.sites[0].prnu_variance.sqrt().unwrap(), 0.008, 0.1);
+}
+
+#[test]
+fn defective_pixels_are_no_part_of_the_prnu() {
+    let prnu = |sensor: Sensor| {
+        let found = sensor.found([96, 96], 4);
+        Value::combine(found.flats[0].sites.iter().map(|s| s.prnu_variance)).unwrap().value.sqrt()
+    };
+    let (without, with) = (prnu(SENSOR), prnu(Sensor { defective_every: Some(499), ..SENSOR }));
+    assert!((with / without - 1.0).abs() < 0.01, "{with} {without}");
 }
 
 #[test]

@@ -16,7 +16,7 @@ use camrig_camera::Camera;
 const FEW_EFFECTS: usize = 2;
 /// Up to so many effects, each is left out once with the others estimated again, which costs
 /// sixteen replicates each.
-pub(super) const REESTIMATED_EFFECTS: usize = 4;
+const REESTIMATED_EFFECTS: usize = 4;
 /// Increase of the deviance of both halves below which an effect is redundant: half of what makes a
 /// candidate significant.
 const REDUNDANT: f64 = EVIDENCE_IN_ALL / 2.0;

@@ -32,7 +32,7 @@ const MAX_SETTLED: usize = 3;
 const MAX_EFFECTS: usize = 10;
 /// Difference in deviance up to which a rival is as good as the winner: 3² for three standard
 /// deviations.
-const RIVAL_MARGIN: f64 = 9.0;
+pub(super) const RIVAL_MARGIN: f64 = 9.0;
 /// Most statistics listed among those that a step changed.
 const MAX_MOVED: usize = 8;
 
@@ -159,22 +159,33 @@ pub(super) fn seeded(
 }
 
 /// Adds the best candidate of each round until none is significant. `wanted` is whether a kind may
-/// be added to so many named ones; `trying` receives what is being tried.
+/// be added; `trying` receives what is being tried.
 pub(super) fn select(
     measured: &Measured,
     start: Selection,
-    wanted: &dyn Fn(&str, usize) -> bool,
+    wanted: &dyn Fn(&str) -> bool,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Selection> {
     let mut selection = start;
     for _ in 0..MAX_EFFECTS {
         let model = &selection.model;
-        let wanted = |kind: &str| wanted(kind, selection.steps.len());
-        let trials = trials(measured, model, &wanted, trying)?;
-        let settled = settled(measured, model, &trials)?;
+        let mut brief = brief_trials(measured, model, wanted, trying)?;
         selection.barred.clear();
-        let held = first_that_holds(measured, model, &settled, &mut selection.barred)?;
-        let Some((best, next)) = held else { break };
+        // What does harm must not hide what does none.
+        let held = loop {
+            let trials = hopeful(measured, model, &brief)?;
+            let settled = settled(measured, model, &trials)?;
+            let barred = &mut selection.barred;
+            let known = barred.len();
+            if let Some(held) = first_that_holds(measured, model, &settled, barred)? {
+                break Some((held, settled, trials));
+            }
+            if barred.len() == known {
+                break None;
+            }
+            brief.retain(|t| !barred.iter().any(|kind| kind == t.proposal.kind));
+        };
+        let Some(((best, next), settled, trials)) = held else { break };
         let others = others(&best, settled, trials);
         if let Some(rival) = others.first().filter(|r| is_rival(&best, r)) {
             let [taken, rival] = [&best, rival].map(|t| t.proposal.kind.to_string());
@@ -189,9 +200,8 @@ pub(super) fn select(
     Ok(selection)
 }
 
-/// The candidates of a round, simulated, the most likely first: all of them by few replicates, then
-/// those that are not hopeless by all, a sequential design (Wald 1945). The hopeless are left out.
-fn trials(
+/// The candidates of a round, simulated by few replicates.
+fn brief_trials(
     measured: &Measured,
     model: &Evaluation,
     wanted: &dyn Fn(&str) -> bool,
@@ -199,18 +209,22 @@ fn trials(
 ) -> Result<Vec<Trial>> {
     let mut proposals = propose(&measured.fit, model.model(), wanted, MIN_STRENGTH);
     prune(&mut proposals);
-    let mut brief = Vec::new();
-    for p in &proposals {
+    let try_briefly = |p: &Proposal| {
         trying(p.kind);
-        brief.push(try_out(measured, model, p, FIRST_RUNS)?.0);
-    }
+        Ok(try_out(measured, model, p, FIRST_RUNS)?.0)
+    };
+    proposals.iter().map(try_briefly).collect()
+}
+
+/// Those that are not hopeless, simulated by all replicates, the most likely first: a sequential
+/// design (Wald 1945).
+fn hopeful(measured: &Measured, model: &Evaluation, brief: &[Trial]) -> Result<Vec<Trial>> {
     let ahead = brief.iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence));
-    let Some((most, gap)) = ahead.map(|t| (t.evidence, t.gap)) else { return Ok(brief) };
-    let mut trials = Vec::new();
+    let Some((most, gap)) = ahead.map(|t| (t.evidence, t.gap)) else { return Ok(Vec::new()) };
     let least = (most - HOPELESS_DEFICIT).min(most * HOPELESS_FRACTION);
-    for t in brief.iter().filter(|t| t.evidence > least || t.gap <= gap) {
-        trials.push(try_out(measured, model, &t.proposal, TRIAL_RUNS)?.0);
-    }
+    let hopeful = brief.iter().filter(|t| t.evidence > least || t.gap <= gap);
+    let try_fully = |t: &Trial| Ok(try_out(measured, model, &t.proposal, TRIAL_RUNS)?.0);
+    let mut trials = hopeful.map(try_fully).collect::<Result<Vec<_>>>()?;
     trials.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     Ok(trials)
 }
@@ -277,7 +291,7 @@ fn is_rival(best: &Trial, second: &Trial) -> bool {
 }
 
 /// A step with the changes that it made.
-fn step(
+pub(super) fn step(
     held_out: &Half,
     before: &Evaluation,
     after: &Evaluation,

@@ -1,21 +1,19 @@
-//! The whole search: forward selection and backward elimination, once, and again where an effect
-//! taken early may have displaced better ones; then the parameters with their standard errors.
+//! The whole search: forward selection and backward elimination; again from where a rival of an
+//! effect explains more in its place; then the parameters with their standard errors.
 
-use super::backward::{self, REESTIMATED_EFFECTS};
-use super::estimate::fitted;
-use super::evaluation::{Evaluation, RUNS, RUNS_ON_THE_WAY};
+use super::backward;
+use super::evaluation::{Evaluation, RUNS};
+use super::exchange::{Exchanges, exchanges};
 use super::forward::{self, Rivals, Selection, Step};
 use super::standard_errors::settle_parameters;
-use super::trial::Trial;
-use crate::candidates::proposal::{Proposal, with_all};
+use crate::candidates::proposal::Proposal;
 use crate::finding::Finding;
 use crate::measured::Measured;
 use camrig_base::Result;
 use camrig_camera::Camera;
 
-/// Fraction of the winner's evidence from which a rival of its round may explain more together with
-/// effects that were added later.
-const CLOSE_RIVAL: f64 = 0.5;
+/// Most exchanges of an effect for a rival of its round.
+const MAX_EXCHANGES: usize = 3;
 
 /// What is known before a search.
 #[derive(Clone, Copy)]
@@ -40,7 +38,7 @@ pub struct Outcome {
     pub nearest: Vec<String>,
     /// Kinds that the captures cannot distinguish, of which one was named.
     pub confounded: Vec<Rivals>,
-    /// The kind that was named first, where a search that begins without it explains more.
+    /// The kind that was named first, where a rival in its place explains more.
     pub superseded: Option<String>,
     /// What no effect of the catalogue describes: subtracted from what was measured before the
     /// search, and simulated by the model at the end.
@@ -80,27 +78,31 @@ pub fn run_from(
     trying("effects by their own evidence");
     let seeds: Vec<Proposal> = seeds.iter().filter(|p| known(p.kind)).cloned().collect();
     let seeded = forward::seeded(measured, &before, seeds)?;
-    let search = |start: &Selection, wanted: &dyn Fn(&str, usize) -> bool| {
-        once(measured, &before, start.clone(), wanted, trying)
-    };
-    let mut start = seeded;
-    let mut found = search(&start, &|kind, _| known(kind))?;
+    let search = |start: Selection| once(measured, &before, start, &known, trying);
+    let has_seeds = !seeded.steps.is_empty();
+    let mut found = search(seeded)?;
     // What stands out by itself may be part of an effect that has no evidence of its own, as a glow
     // is dark current too.
-    if !start.steps.is_empty() && !found.after.passes() {
-        let empty = Selection::empty(before.clone());
-        let other = search(&empty, &|kind, _| known(kind))?;
+    if has_seeds && !found.after.passes() {
+        let other = search(Selection::empty(before.clone()))?;
         if other.after.deviance() < found.after.deviance() {
-            (start, found) = (empty, other);
+            found = other;
         }
     }
-    // An effect added early may approximate two that are better together: the search with it as a
-    // later one only.
-    if let Some((dominated, at)) = dominated(measured, &before.camera, &found)? {
-        let later = |kind: &str, names: usize| known(kind) && (kind != dominated || names > at);
-        let other = search(&start, &later)?;
-        if other.after.deviance() < found.after.deviance() {
-            found = Outcome { superseded: Some(dominated), ..other };
+    for _ in 0..MAX_EXCHANGES {
+        let Exchanges { best, as_good } = exchanges(measured, &before.camera, &found)?;
+        let other = match best {
+            Some((start, displaced)) => Some((search(start)?, displaced)),
+            None => None,
+        };
+        match other.filter(|(o, _)| o.after.deviance() < found.after.deviance()) {
+            Some((other, displaced)) => {
+                found = Outcome { superseded: Some(displaced), ..other };
+            }
+            None => {
+                found.confounded.extend(as_good);
+                break;
+            }
         }
     }
     trying("standard errors");
@@ -114,13 +116,12 @@ pub fn run_from(
     Ok(found)
 }
 
-/// Forward selection and backward elimination, once. `wanted` is whether a kind may be added to so
-/// many named ones.
+/// Forward selection and backward elimination, once. `wanted` is whether a kind may be added.
 fn once(
     measured: &Measured,
     before: &Evaluation,
     start: Selection,
-    wanted: &dyn Fn(&str, usize) -> bool,
+    wanted: &dyn Fn(&str) -> bool,
     trying: &(dyn Fn(&str) + Sync),
 ) -> Result<Outcome> {
     let selection = forward::select(measured, start, wanted, trying)?;
@@ -135,37 +136,4 @@ fn once(
         shapes: Vec::new(),
         gap_with_shapes: f64::NAN,
     })
-}
-
-/// An effect that is dominated by a close rival of its round: instead of it, together with those
-/// added later, the rival explains more. Also how many effects were added before it.
-fn dominated(
-    measured: &Measured,
-    camera: &Camera,
-    found: &Outcome,
-) -> Result<Option<(String, usize)>> {
-    let steps = &found.steps;
-    if steps.len() > REESTIMATED_EFFECTS {
-        return Ok(None);
-    }
-    // The rivals of the last effect lost to it with all others in place.
-    for (at, step) in steps.iter().enumerate().take(steps.len().saturating_sub(1)) {
-        let own = step.trial.proposal.kind;
-        let close = |t: &&Trial| {
-            t.evidence > CLOSE_RIVAL * step.trial.evidence
-                && !found.after.named.iter().any(|p| p.kind == t.proposal.kind)
-        };
-        let Some(rival) = step.others.iter().find(close) else { continue };
-        let mut named = found.after.named.clone();
-        named.retain(|p| p.kind != own);
-        rival.proposal.clone().join(&mut named);
-        let with_rival = with_all(camera, &named);
-        // Both with as many replicates: more of them make every deviation larger.
-        let other = fitted(measured, with_rival, named, RUNS_ON_THE_WAY)?;
-        let own_model = found.after.by(measured, RUNS_ON_THE_WAY)?;
-        if other.deviance() < own_model.deviance() {
-            return Ok(Some((own.to_string(), at)));
-        }
-    }
-    Ok(None)
 }

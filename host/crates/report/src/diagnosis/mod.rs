@@ -58,7 +58,7 @@ pub fn page(diagnosis: &Diagnosis, improved: &ImprovedFile, command: &str) -> Re
     }
     if let Some(first) = &found.superseded {
         page.note(&format!(
-            "{} was named first; a search that begins without it explains more.",
+            "{} was named first; another in its place explains more.",
             words::kind(first)
         ));
     }
