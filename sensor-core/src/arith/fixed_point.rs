@@ -349,7 +349,7 @@ mod tests {
                 let j = i % LANES;
                 let r = f64::from(y[j]).hypot(f64::from(y[j + LANES])).max(3e-4);
                 let d = (x[i].to_num::<f64>() - f64::from(y[i])).abs();
-                worst = worst.max(d / (1.3e-6 * r + 2f64.powi(-25) / r));
+                worst = worst.max(d / (1.3e-6 * r + 2f64.powi(25).recip() / r));
                 sum += d;
             }
         }

@@ -53,7 +53,7 @@ impl Value {
     pub fn combine(values: impl IntoIterator<Item = Self>) -> Option<Self> {
         let (mut sum, mut weight) = (0.0, 0.0);
         for v in values {
-            let w = v.std_error.powi(-2);
+            let w = v.std_error.powi(2).recip();
             if w.is_finite() && v.value.is_finite() {
                 sum += w * v.value;
                 weight += w;

@@ -92,7 +92,7 @@ impl Parts {
     fn of(points: &[(f64, Value)]) -> Option<Self> {
         let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for (x, v) in points {
-            let weight = v.std_error.max(f64::MIN_POSITIVE.sqrt()).powi(-2);
+            let weight = v.std_error.max(f64::MIN_POSITIVE.sqrt()).powi(2).recip();
             w += weight;
             wx += weight * x;
             wy += weight * v.value;

@@ -78,7 +78,7 @@ fn slope(sums: &[Sums], read_variance: f64) -> Option<Value> {
         let both = (correlation / (1.0 + 2.0 * correlation)).clamp(-0.25, 0.25);
         let l = 0.5 * (1.0 - (1.0 - 4.0 * both).max(0.0).sqrt());
         let error = s.squares / shot / ((1.0 - 2.0 * l).max(0.1) * (1.0 - l)) / s.count.sqrt();
-        points.push((i as f64, -libm::log(1.0 - l), error.powi(-2)));
+        points.push((i as f64, -libm::log(1.0 - l), error.powi(2).recip()));
     }
     let weight: f64 = points.iter().map(|p| p.2).sum();
     let centre = points.iter().map(|p| p.2 * p.0).sum::<f64>() / weight;

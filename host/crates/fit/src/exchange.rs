@@ -202,14 +202,9 @@ fn profiles(all: &[Profile], from: &str) -> Result<Imported> {
     let distinct = all.iter().any(|p| p.gain != first.gain);
     let (read, post) = match distinct {
         true => {
-            let design =
-                Matrix::from_fn(
-                    all.len(),
-                    2,
-                    |i, j| {
-                        if j == 0 { 1.0 } else { all[i].gain.powi(-2) }
-                    },
-                );
+            let design = Matrix::from_fn(all.len(), 2, |i, j| {
+                if j == 0 { 1.0 } else { all[i].gain.powi(2).recip() }
+            });
             let target = Vector::from_fn(all.len(), |i, _| read_e2(&all[i]));
             let parts = LeastSquares::of(&design, &target)
                 .ok_or_else(|| Error::input("profiles of gains that are alike"))?;

@@ -79,7 +79,7 @@ pub struct Step {
 
 /// The sum of the two parts at a gain.
 fn variance(pair: &LeastSquares, gain: f64) -> Value {
-    let [a, b] = [1.0, gain.powi(-2)];
+    let [a, b] = [1.0, gain.powi(2).recip()];
     let c = &pair.covariance;
     let error = a * a * c[(0, 0)] + 2.0 * a * b * c[(0, 1)] + b * b * c[(1, 1)];
     Value::new(a * pair.coefficients[0] + b * pair.coefficients[1], error.sqrt())
@@ -119,7 +119,7 @@ pub fn law(places: &[Place], variances: &[Value]) -> Option<Law> {
         let weight = |i: usize| variances[i].std_error.recip();
         let row = |r: usize, c: usize| {
             let i = from + r;
-            weight(i) * if c == 0 { 1.0 } else { places[i].analog.powi(-2) }
+            weight(i) * if c == 0 { 1.0 } else { places[i].analog.powi(2).recip() }
         };
         let design = Matrix::from_fn(to - from, 2, row);
         let target =

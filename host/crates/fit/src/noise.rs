@@ -86,7 +86,7 @@ impl Noise {
         let part = |of: &dyn Fn(&AtGain) -> (Value, f64)| {
             let of_gain = |(g, k): (&AtGain, &Value)| {
                 let (variance, null) = of(g);
-                (variance.scaled(k.value.powi(-2)), null * k.value.powi(-2))
+                (variance.scaled(k.value.powi(2).recip()), null * k.value.powi(2).recip())
             };
             Part::of(gains.iter().zip(response).map(of_gain).collect())
         };
@@ -233,7 +233,7 @@ fn read_variance(g: &AtGain, k: Value, dark_e: f64) -> Value {
     let rounding = (g.digital * g.digital - 1.0) / 12.0;
     let of_bias = g.found.bias.read_noise_variance;
     let of_bias = Value::new(of_bias.value - rounding, of_bias.std_error);
-    let variance = of_bias.scaled(k.value.powi(-2));
+    let variance = of_bias.scaled(k.value.powi(2).recip());
     let of_gain = 2.0 * variance.value * k.std_error / k.value;
     Value::new(variance.value - dark_e, libm::hypot(variance.std_error, of_gain))
 }
@@ -302,7 +302,7 @@ pub fn prnu(
     let variance = Value::combine(g.found.flats[flat.index].sites.iter().map(|site| {
         let slope = response.slope(0, site.level.value);
         let grown = k * dsnu_e_per_s * (flat.exposure_s - g.shortest_s) / site.level.value;
-        let of_charge = site.prnu_variance.scaled(slope.powi(-2));
+        let of_charge = site.prnu_variance.scaled(slope.powi(2).recip());
         Value::new(of_charge.value - grown * grown, of_charge.std_error)
     }))?;
     variance.sqrt()

@@ -409,7 +409,7 @@ pub fn characterise(
         axis_solid_angle_sr: Some(axis.sensor_sr),
         stop_radius_mm: Some(system.stop_radius_mm),
         // Of light that comes from another medium, radiance over n² stays the same.
-        transmittance: Spectrum::constant(system.paraxial.object_index.powi(-2)),
+        transmittance: Spectrum::constant(system.paraxial.object_index.powi(2).recip()),
         wavelengths_nm: plan.wavelengths_nm.clone(),
         heights_mm: heights,
         real_height_mm: points.iter().map(|p| p.chief_ray_height_mm).collect(),

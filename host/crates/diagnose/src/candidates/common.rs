@@ -86,7 +86,7 @@ impl Added {
         Value::combine(stacks.filter_map(|(i, c)| {
             let more = e.component(i, what, across)?;
             let all = more.value + present_dn(e, self.kind, c).powi(2);
-            Some(Value::new(all, more.std_error).scaled(self.unit(e, c).powi(-2)))
+            Some(Value::new(all, more.std_error).scaled(self.unit(e, c).powi(2).recip()))
         }))
     }
 

@@ -124,7 +124,7 @@ fn black_level_over_temperature(
             (0..channel_count(e)).filter_map(move |k| Some((kelvins, of(k)?)))
         })
         .collect();
-    let weight = |v: &Value| v.std_error.powi(-2);
+    let weight = |v: &Value| v.std_error.powi(2).recip();
     let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
         points.iter().map(|(t, v)| weight(v) * of(*t, v.value)).sum()
     };

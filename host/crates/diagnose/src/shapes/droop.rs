@@ -144,7 +144,7 @@ fn fitted<'a>(
         let mut sorted = p.pixels.clone();
         let typical = camrig_base::median::median(&mut sorted, f64::total_cmp);
         // Errors of the noise that all pixels have: those of single lines would hide it.
-        let weight = (typical * p.relative).powi(-2);
+        let weight = (typical * p.relative).powi(2).recip();
         let count = inner.len() as f64;
         let mean_of = |v: &[f64]| v[inner.clone()].iter().sum::<f64>() / count;
         let (mx, my) = (mean_of(&x), mean_of(&p.pixels));
@@ -154,7 +154,7 @@ fn fitted<'a>(
         }
         pixels = (xx - lines.0, xy - lines.1);
         // The line means.
-        let weight = (p.white * p.lines_relative).powi(-2);
+        let weight = (p.white * p.lines_relative).powi(2).recip();
         let (x, y) = (middle * middle, p.lines - p.white);
         lines.0 += weight * x * x;
         lines.1 += weight * x * y;
@@ -173,7 +173,7 @@ fn covaries(profiles: &[Profile], length: f64, from_end: bool, variance: f64) ->
         let middle = v.iter().sum::<f64>() / v.len() as f64;
         let pairs = v.windows(2).map(|p| (p[0] - middle) * (p[1] - middle));
         let expected = variance * pairs.sum::<f64>() / (v.len() - 1) as f64;
-        let weight = p.white.powi(-2);
+        let weight = p.white.powi(2).recip();
         // White noise minus the mean of its line has a covariance of −v/n.
         (weight * (p.neighbours + p.white), weight * expected)
     };

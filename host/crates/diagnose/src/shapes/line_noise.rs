@@ -120,7 +120,7 @@ fn law(points: &[Point], brightest: f64, exponent: Option<f64>) -> Law {
             };
             (2.0 / p.dof).sqrt() * (p.white + fitted)
         };
-        let weights: Vec<f64> = points.iter().map(|p| sd(p).powi(-2)).collect();
+        let weights: Vec<f64> = points.iter().map(|p| sd(p).powi(2).recip()).collect();
         let sum = |f: &dyn Fn(&Point) -> f64| -> f64 {
             points.iter().zip(&weights).map(|(p, w)| w * f(p)).sum()
         };

@@ -175,7 +175,7 @@ pub fn characterise(
         principal_distance_mm: picture.principal_distance_mm,
         working_f_number: (0.25 * (PI / reference.middle_sr - 1.0)).sqrt(),
         // Of light that comes from another medium, radiance over n² stays the same.
-        transmittance: Spectrum::constant(system.paraxial.object_index.powi(-2)),
+        transmittance: Spectrum::constant(system.paraxial.object_index.powi(2).recip()),
         wavelengths_nm: plan.wavelengths_nm.clone(),
         x_mm: axis(x),
         y_mm: axis(y),
