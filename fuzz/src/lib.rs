@@ -1,5 +1,5 @@
-//! What is fuzzed: the decoders of both ends of the link, the GigE Vision camera, streams of
-//! scenes, readers of files.
+//! What is fuzzed: the decoders of both ends of the link, the GigE Vision camera, sensors on I2C,
+//! streams of scenes, readers of files.
 //!
 //! `fuzz_targets` hands these functions to libFuzzer (`ci/fuzz`); `tests/seeds.rs` calls them with
 //! the seeds and with a fixed number of changes of each.
@@ -10,4 +10,5 @@ pub mod frames;
 pub mod gige;
 pub mod host;
 pub mod memory;
+pub mod profiles;
 pub mod video;

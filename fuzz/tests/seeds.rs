@@ -3,7 +3,7 @@
 
 use camrig_fuzz::files::Reader;
 use camrig_fuzz::memory::Bounded;
-use camrig_fuzz::{device, frames, gige, host, video};
+use camrig_fuzz::{device, frames, gige, host, profiles, video};
 use std::path::{Path, PathBuf};
 
 #[global_allocator]
@@ -112,5 +112,19 @@ fn streams_of_scenes_end_or_are_refused() {
     for _ in 0..CHANGES {
         video::watch(&draws.changed(&y4m));
         frames::watch(&draws.bytes(2000));
+    }
+}
+
+#[test]
+fn sensors_take_any_transactions_and_maps_are_read_or_refused() {
+    let map = include_str!("../../host/crates/profiles/profiles/ov7670.toml").as_bytes();
+    let mut draws = Draws(1);
+    for name in camrig_profiles::Profile::names() {
+        for _ in 0..CHANGES {
+            profiles::drive(&[name.as_bytes(), b"\x0c", &draws.bytes(2000)].concat());
+        }
+    }
+    for _ in 0..CONVERSATIONS {
+        profiles::drive(&[&draws.changed(map), &b"\x0c"[..], &draws.bytes(200)].concat());
     }
 }

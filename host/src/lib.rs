@@ -14,6 +14,7 @@
 //! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`gige`] | a source of raw frames | a GigE Vision camera on the network |
+//! | [`profiles`] | register maps of sensors, I2C writes | exposure and gain of each frame |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
 //! | [`estimates`] | dark and flat frames | gain, noise, dark current, each with its own error |
@@ -83,6 +84,7 @@ pub use camrig_light as light;
 pub use camrig_measure as measure;
 pub use camrig_optics as optics;
 pub use camrig_prescription as prescription;
+pub use camrig_profiles as profiles;
 pub use camrig_render as render;
 #[cfg(feature = "report")]
 pub use camrig_report as report;

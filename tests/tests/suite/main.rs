@@ -27,6 +27,7 @@ mod mosaics;
 mod photon_transfer;
 mod pictures;
 mod powers;
+mod profiles;
 mod radiometry;
 mod real_data;
 mod scene_frames;
