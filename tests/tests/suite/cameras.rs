@@ -271,3 +271,55 @@ fn two_raw_files_tell_the_noise_of_their_camera() {
     near(again.black_level_dn, truth.black_level_dn);
     assert_eq!((again.width, again.bits, again.cfa), (64, truth.bits, truth.cfa));
 }
+
+/// What another program's form cannot hold is said, with how far it is off, and for programs too:
+/// the part of the read noise behind the gain stage bends what PMN has as a line, libcamera has
+/// none. What a form holds is no note.
+#[test]
+fn what_a_form_cannot_hold_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    let export = |form: &str, changes: &str| {
+        let output = camrig(
+            dir,
+            &format!("camera export mobile {changes} --as {form} -o {form} --force --json"),
+        );
+        assert!(output.status.success(), "{output:?}");
+        let object: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        (object, String::from_utf8(output.stderr).unwrap())
+    };
+    let post = "--set sensor.noise.read_e=5 --set sensor.noise.read_e_post=4.5";
+    let (pmn, told) = export("pmn", post);
+    let figure = &pmn["differs"][0];
+    let [camera, form] = ["camera", "form"].map(|key| figure[key].as_f64().unwrap());
+    assert!(figure["figure"].as_str().unwrap().contains("noise in the dark"), "{pmn}");
+    assert!((form / camera - 1.0).abs() > 0.05, "{pmn}");
+    assert!(told.contains("% off") && told.contains("nothing of sensor.noise.prnu"), "{told}");
+    let (libcamera, told) = export("libcamera", post);
+    let camera = libcamera["differs"][0]["camera"].as_f64().unwrap();
+    assert!(camera > 5.0 && told.contains("noise in the dark"), "{told}");
+    for form in ["profile", "darktable"] {
+        let (same, told) = export(form, post);
+        assert_eq!(same["differs"], serde_json::json!([]), "{form}: {told}");
+        assert!(told.contains("nothing of"), "{told}");
+    }
+    // A step of the conversion gain between two of the gains is not in their profiles.
+    let text = camrig_ok(dir, "presets mobile").stdout;
+    let step = "\n[sensor.gains]\nat = [1, 3, 3, 16]\nread_e = [5, 3, 2, 1]\n";
+    std::fs::write(dir.join("step.toml"), [&text[..], step.as_bytes()].concat()).unwrap();
+    let output = camrig(dir, "camera export ./step.toml --as profile -o step.csv");
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(told.contains("noise in the dark") && told.contains("% off"), "{told}");
+}
+
+/// A folder that is missing is said before the captures are read.
+#[test]
+fn a_fit_says_first_what_it_cannot_write() {
+    let folder = tempfile::tempdir().unwrap();
+    for outputs in ["-o missing/c.toml", "-o c.toml --report missing/c.html"] {
+        let output = camrig(folder.path(), &format!("camera fit nothing {outputs}"));
+        assert_eq!(output.status.code(), Some(2));
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert!(told.contains("the folder does not exist"), "{told}");
+    }
+}

@@ -5,7 +5,7 @@ use crate::arguments::positive;
 use crate::captures::opened;
 use crate::diagnose::with_display;
 use crate::measure::plus_minus;
-use camrig_base::output::write_file;
+use camrig_base::output::{OutputFile, write_file};
 use camrig_base::{Result, Value};
 use camrig_camera::{Camera, Change};
 use camrig_captures::draft;
@@ -70,6 +70,10 @@ pub struct FitArgs {
 /// Runs the command.
 pub fn run(args: &FitArgs) -> Result<ExitCode> {
     files::check_name(&args.output)?;
+    // What cannot be written is said before any work.
+    for output in [&args.output].into_iter().chain(&args.report) {
+        OutputFile::create(output, args.force)?;
+    }
     let stem = args.output.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
     let mut options = Options::default();
     options.name = args.name.clone().unwrap_or(stem);

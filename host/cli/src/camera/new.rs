@@ -4,7 +4,7 @@ use super::files;
 use camrig_base::Result;
 use camrig_camera::Change;
 use camrig_camera::draft::{Draft, Request};
-use camrig_fit::exchange;
+use camrig_fit::exchange::{self, Beside};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -52,10 +52,14 @@ pub struct NewArgs {
     #[arg(long, value_name = "DN")]
     black_level_dn: Option<String>,
     /// Noise, gain and levels from another program: DNGs of one camera with a NoiseProfile, a table
-    /// of such profiles or of Noise Flow's betas (CSV, the columns of `camera export`), parameters
-    /// of ELD or PMN (JSON), a tuning file of libcamera
+    /// of such profiles or of Noise Flow's betas (CSV, the columns of `camera export`), noise
+    /// profiles of darktable, parameters of ELD or PMN (JSON), a tuning file of libcamera, which
+    /// also tells the fall-off. What is in the file tells its form
     #[arg(long, value_name = "FILE", num_args = 1..)]
     noise: Vec<PathBuf>,
+    /// The camera's name in noise profiles of darktable, which are of many
+    #[arg(long, value_name = "MODEL", requires = "noise")]
+    noise_model: Option<String>,
     /// F-number of the lens
     #[arg(long, value_name = "N")]
     f_number: Option<String>,
@@ -77,23 +81,37 @@ pub struct NewArgs {
 pub fn run(args: &NewArgs) -> Result<ExitCode> {
     files::check_name(&args.output)?;
     let mut request = args.request();
+    let mut tables = Vec::new();
     if !args.noise.is_empty() {
-        let number = |key: &str| {
-            let own = request.given.iter().find(|change| change.key == key)?;
-            own.value.as_f64()
-        };
-        let bits = number("sensor.bits").map(|bits| bits as u8);
-        let found = exchange::read(&args.noise, bits, number("sensor.noise.prnu"))?;
+        let found = exchange::read(&args.noise, &args.beside(&request))?;
         found.notes.iter().for_each(|note| eprintln!("note: {note}"));
-        request.known = found.known;
+        (request.known, tables) = (found.known, found.tables);
     }
-    let draft = Draft::of(&request)?;
+    let mut draft = Draft::of(&request)?;
+    draft.made.extend(tables);
     let files = files::write(&draft, &args.output, args.force)?;
     tell(&draft, &args.output, &files);
     Ok(ExitCode::SUCCESS)
 }
 
 impl NewArgs {
+    /// What the arguments say that a noise model may leave open.
+    fn beside(&self, request: &Request) -> Beside {
+        let number = |key: &str| {
+            let own = request.given.iter().find(|change| change.key == key)?;
+            own.value.as_f64()
+        };
+        Beside {
+            name: request.name.clone(),
+            bits: number("sensor.bits").map(|bits| bits as u8),
+            size: number("sensor.width").zip(number("sensor.height")).map(|(w, h)| [w, h]),
+            black_level_dn: number("sensor.black_level_dn"),
+            prnu: number("sensor.noise.prnu"),
+            full_well_e: number("sensor.full_well_e"),
+            model: self.noise_model.clone(),
+        }
+    }
+
     fn request(&self) -> Request {
         let (width, height) = match &self.pixels {
             Some(pixels) => match pixels.split_once(['x', 'X', '×']) {
