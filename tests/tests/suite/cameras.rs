@@ -297,14 +297,15 @@ fn what_a_form_cannot_hold_is_said() {
     assert!(told.contains("% off") && told.contains("nothing of sensor.noise.prnu"), "{told}");
     let (libcamera, told) = export("libcamera", post);
     let camera = libcamera["differs"][0]["camera"].as_f64().unwrap();
-    assert!(camera > 5.0 && told.contains("noise in the dark"), "{told}");
+    assert!(camera > 2.0 && told.contains("noise in the dark"), "{told}");
     for form in ["profile", "darktable"] {
         let (same, told) = export(form, post);
         assert_eq!(same["differs"], serde_json::json!([]), "{form}: {told}");
         assert!(told.contains("nothing of"), "{told}");
     }
     // A step of the conversion gain between two of the gains is not in their profiles.
-    let text = camrig_ok(dir, "presets mobile").stdout;
+    camrig_ok(dir, "camera new --like imx219 -o step.toml");
+    let text = std::fs::read(dir.join("step.toml")).unwrap();
     let step = "\n[sensor.gains]\nat = [1, 3, 3, 16]\nread_e = [5, 3, 2, 1]\n";
     std::fs::write(dir.join("step.toml"), [&text[..], step.as_bytes()].concat()).unwrap();
     let output = camrig(dir, "camera export ./step.toml --as profile -o step.csv");

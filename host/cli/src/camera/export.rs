@@ -181,8 +181,8 @@ impl Lost {
         let line = |f: &Figure| {
             let Figure { name, unit, gain, camera, form } = f;
             format!(
-                "this form has {name} {form:.4} {unit} at gain {gain:.3}, the camera {camera:.4} \
-                 {unit}: {:.1} % off",
+                "{name} at gain {gain:.3}: {form:.4} {unit} in this form, {camera:.4} {unit} in the \
+                 camera, {:.1} % off",
                 100.0 * f.off()
             )
         };
@@ -217,9 +217,9 @@ fn differs(camera: &Camera, back: &Camera, most: f64, black: bool) -> Vec<Figure
         offset.sqrt() * (top - at.black_level_dn) / at.dn_per_e
     };
     let figures: [(&str, &str, &dyn Fn(&Camera, f64) -> f64); 3] = [
-        ("a gain of", "DN/e-", &|camera, gain| camera.sensor.at_gain(gain).dn_per_e),
-        ("noise in the dark, rounding included, of", "e-", &dark_e),
-        ("a black level of", "DN", &|camera, gain| camera.sensor.at_gain(gain).black_level_dn),
+        ("system gain", "DN/e-", &|camera, gain| camera.sensor.at_gain(gain).dn_per_e),
+        ("noise in the dark with rounding", "e-", &dark_e),
+        ("black level", "DN", &|camera, gain| camera.sensor.at_gain(gain).black_level_dn),
     ];
     let worst = |(name, unit, of): (&'static str, &'static str, &dyn Fn(&Camera, f64) -> f64)| {
         let each = gains.iter().map(|gain| Figure {

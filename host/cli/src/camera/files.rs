@@ -4,6 +4,7 @@ use camrig_base::output::OutputFile;
 use camrig_base::{Error, Result};
 use camrig_camera::draft::{Draft, Grade};
 use camrig_camera::is_preset;
+use camrig_fit::OPEN;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -20,7 +21,10 @@ pub fn check_name(output: &Path) -> Result<()> {
 /// shared with another camera, is kept.
 pub fn write(draft: &Draft, output: &Path, force: bool) -> Result<Vec<PathBuf>> {
     let directory = output.parent().unwrap_or(Path::new(""));
-    draft.camera(directory).map_err(|e| e.at(format!("{} to be", output.display())))?;
+    // A file with open questions is no camera yet.
+    if open(draft).is_empty() {
+        draft.camera(directory).map_err(|e| e.at(format!("{} to be", output.display())))?;
+    }
     let mut files = vec![(output.to_owned(), draft.text())];
     files.extend(draft.tables().into_iter().map(|(name, text)| (directory.join(name), text)));
     files.retain(|(path, text)| std::fs::read_to_string(path).ok().as_ref() != Some(text));
@@ -32,6 +36,14 @@ pub fn write(draft: &Draft, output: &Path, force: bool) -> Result<Vec<PathBuf>> 
     }
     outputs.into_iter().try_for_each(OutputFile::finish)?;
     Ok(files.into_iter().map(|(path, _)| path).collect())
+}
+
+/// Keys whose value is a question.
+pub fn open(draft: &Draft) -> Vec<&str> {
+    let plain = draft.entries.iter().map(|entry| (entry.key.path(), &entry.value));
+    let more = draft.more.iter().map(|known| (&known.change.key[..], &known.change.value));
+    let open = plain.chain(more).filter(|(_, value)| value.as_str() == Some(OPEN));
+    open.map(|(key, _)| key).collect()
 }
 
 /// Prints what was written, and which values are typical.

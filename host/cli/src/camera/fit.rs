@@ -25,7 +25,8 @@ use std::process::ExitCode;
     Needed are some ten dark frames of the shortest exposure and two flats of one level. More \
     levels up\n\
     to saturation give the response, darks of a long exposure the dark current, several gains the\n\
-    noise before and after the gain stage. A folder without captures.toml is read as by\n\
+    noise before and after the gain stage. Without flats, two frames or more of a scene in which\n\
+    nothing moves give the gain; of darks alone, figures in electrons stay open (\"?\"). A folder without captures.toml is read as by\n\
     `camrig captures new`. What the frames do not tell is typical, or that of --like, and marked.\n\n\
     Examples:\n  \
     camrig camera fit captures -o camera.toml\n  \
@@ -87,7 +88,8 @@ pub fn run(args: &FitArgs) -> Result<ExitCode> {
     if !args.json {
         print(&fitted);
     }
-    let compared = match args.no_compare {
+    let open = files::open(&fitted.draft);
+    let compared = match args.no_compare || !open.is_empty() {
         true => None,
         false => Some(judged(args, &fitted, set)?),
     };
@@ -107,11 +109,19 @@ pub fn run(args: &FitArgs) -> Result<ExitCode> {
         });
         let object = json!({
             "camera": args.output, "comparison": gap, "notes": notes,
-            "values": fitted.values(),
+            "open": open, "values": fitted.values(),
         });
         println!("{object}");
     }
     files::tell(&fitted.draft, &args.output, &written);
+    if !open.is_empty() {
+        eprintln!(
+            "open: {}: darks alone tell no gain, so nothing in electrons. Give --dn-per-e, or add \
+             two flats of one level or frames of a static scene; until then nothing runs with the \
+             file",
+            open.join(", ")
+        );
+    }
     let Some(found) = compared else { return Ok(ExitCode::SUCCESS) };
     if !args.json {
         println!(

@@ -152,6 +152,13 @@ impl Found<'_> {
             return;
         };
         let frames = self.of(true, self.lit);
+        if self.gains.iter().any(|g| !g.scenes.is_empty()) {
+            values.notes.push(
+                "no flats: the gain is that of areas of a scene, by their noise over their level; \
+                 nothing may have moved in it. PRNU and quantum efficiency are not known from it"
+                    .into(),
+            );
+        }
         let k = unity.dn_per_e;
         let full = Value::new(top / k.value, top / k.value * k.std_error / k.value);
         values.measured("sensor.full_well_e", full, &frames);

@@ -28,6 +28,7 @@ mod file;
 pub mod gains;
 pub mod noise;
 pub mod response;
+mod scenes;
 pub mod stacks;
 
 pub use camrig_base as base;
@@ -111,12 +112,42 @@ fn unit_of(path: &str) -> &'static str {
     }
 }
 
-/// Fits a camera file to a set of dark and flat captures.
+/// What stands for a value that only the user can give.
+pub const OPEN: &str = "?";
+
+/// Makes questions of all figures in electrons of a draft whose electrons are DN.
+fn ask(draft: &mut Draft) {
+    let open = |value: &mut camrig_camera::Value, basis: &mut Basis, unit: &str| {
+        if !unit.starts_with("e-") {
+            return;
+        }
+        let reason = match (basis.std_error, &*value) {
+            (Some(error), figure) => format!(
+                "{figure} ± {error:.2e} {} over the DN per electron at unity gain; {}",
+                unit.replace("e-", "DN"),
+                basis.note
+            ),
+            (None, _) => "unknown: darks alone tell no gain".into(),
+        };
+        (*value, *basis) = (OPEN.into(), Basis::typical(&reason));
+    };
+    for entry in &mut draft.entries {
+        open(&mut entry.value, &mut entry.basis, entry.key.unit());
+    }
+    for known in &mut draft.more {
+        let unit = unit_of(&known.change.key);
+        open(&mut known.change.value, &mut known.basis, unit);
+    }
+}
+
+/// Fits a camera file to a set of dark and flat captures. Of frames without flats, static scenes
+/// tell the gain. Darks alone do not: what is in electrons is then [`OPEN`], unless the gain is
+/// given.
 ///
 /// # Errors
 /// Files that cannot be read; sets from which nothing can be measured, such as copied, scaled or
-/// processed frames; no darks; flats of which none is below saturation; no flats, unless the gain
-/// is given; wrong keys or values in the options.
+/// processed frames; no darks; flats of which none is below saturation; wrong keys or values in the
+/// options.
 pub fn fit(set: &CaptureSet, options: &Options) -> Result<Fitted> {
     let cleaned = Cleaned::new(set.clone(), &camrig_clean::Options::default())?;
     if cleaned.is_processed() {
@@ -125,21 +156,21 @@ pub fn fit(set: &CaptureSet, options: &Options) -> Result<Fitted> {
             .help("noise of the sensor is in raw frames only: switch processing off"));
     }
     let gains = stacks::measure(set, &cleaned, options.dn_per_e)?;
-    let lit: Vec<usize> = (0..gains.len()).filter(|g| !gains[*g].flats.is_empty()).collect();
+    let lit: Vec<usize> = (0..gains.len()).filter(|g| gains[*g].tells_gain()).collect();
     let (response, wavelengths) = match lit.is_empty() {
         true => (None, Vec::new()),
         false => respond(&cleaned, &gains, &lit).map(|(r, nm)| (Some(r), nm))?,
     };
     let unity = response.as_ref().map(|r| Unity::of(r, &gains, &lit));
     let k = |i: usize| match (&response, lit.iter().position(|g| *g == i), &unity) {
-        (Some(response), Some(place), _) => Ok(response.gains[place]),
-        (_, _, Some(unity)) => Ok(unity.dn_per_e.scaled(gains[i].gain)),
+        (Some(response), Some(place), _) => response.gains[place],
+        (_, _, Some(unity)) => unity.dn_per_e.scaled(gains[i].gain),
         _ => {
-            let k = options.dn_per_e.ok_or_else(|| Error::internal("darks without a gain"))?;
-            Ok(Value::new(k * gains[i].gain, 0.0))
+            // Without a gain, electrons are DN at unity gain.
+            Value::new(options.dn_per_e.unwrap_or(1.0) * gains[i].gain, 0.0)
         }
     };
-    let per_gain: Vec<Value> = (0..gains.len()).map(k).collect::<Result<_>>()?;
+    let per_gain: Vec<Value> = (0..gains.len()).map(k).collect();
     let places = Place::all(&gains);
     let noise = Noise::of(&gains, &per_gain, &places);
     let found = file::Found {
@@ -153,7 +184,10 @@ pub fn fit(set: &CaptureSet, options: &Options) -> Result<Fitted> {
         noise,
         per_gain,
     };
-    let (draft, mut notes) = found.draft(options)?;
+    let (mut draft, mut notes) = found.draft(options)?;
+    if lit.is_empty() && options.dn_per_e.is_none() {
+        ask(&mut draft);
+    }
     notes.splice(0..0, cleaned.findings().iter().map(|f| f.line()));
     Ok(Fitted { draft, notes })
 }
@@ -203,6 +237,11 @@ fn respond(
         let (width, height) = g.found.size();
         let of_rows = bias.row_variance.value.max(0.0) / height as f64;
         let pixels = (width * height / sites) as f64;
+        if !g.scenes.is_empty() && !wavelengths.contains(&None) {
+            wavelengths.push(None);
+        }
+        let unlit = wavelengths.iter().position(Option::is_none).unwrap_or_default();
+        data.extend(g.scenes.iter().map(|bin| bin.datum(place, unlit * sites + bin.site)));
         let dark_dn_per_s = g.found.dark_current.as_ref().map_or(0.0, |d| d.clipped_mean.value);
         for flat in &g.flats {
             let known = wavelengths.iter().position(|w| *w == flat.wavelength_nm);

@@ -47,7 +47,8 @@ impl Moments {
     fn of(frames: &[Plane<u16>], black: &[f64], factors: &[f64]) -> Self {
         let n = frames.len() as f64;
         let at = |i: usize| {
-            let each = frames.iter().zip(factors).map(|(f, s)| s * (f64::from(f.data[i]) - black[i]));
+            let each =
+                frames.iter().zip(factors).map(|(f, s)| s * (f64::from(f.data[i]) - black[i]));
             let (sum, squares) = each.fold((0.0, 0.0), |(a, b), v| (a + v, b + v * v));
             (sum / n, ((squares - sum * sum / n) / (n - 1.0)).max(0.0))
         };
@@ -67,8 +68,7 @@ pub fn bins(scene: &[Plane<u16>], darks: &[Plane<u16>], sites: Sites, white: u16
     };
     let lights: Vec<f64> = scene.iter().map(light).collect();
     let mean = lights.iter().sum::<f64>() / lights.len() as f64;
-    let factors: Vec<f64> =
-        lights.iter().map(|l| if *l > 0.0 { mean / l } else { 1.0 }).collect();
+    let factors: Vec<f64> = lights.iter().map(|l| if *l > 0.0 { mean / l } else { 1.0 }).collect();
     let lit = Moments::of(scene, &dark.mean, &factors);
     let full = |i: usize| scene.iter().any(|frame| frame.data[i] >= white);
     let [across, down] = [SIDE * sites.across, SIDE * sites.down];

@@ -1,6 +1,7 @@
 //! The dark and flat stacks of a cleaned set by analog gain, and the levels of the flats.
 
-use camrig_base::{Cfa, Error, Plane, Result};
+use super::scenes::{Bin, bins};
+use camrig_base::{Cfa, Error, Plane, Result, Value};
 use camrig_captures::{CaptureSet, Role};
 use camrig_clean::{Cleaned, Done, Kind};
 use camrig_estimates::{Estimates, Sites, Stack, estimate};
@@ -28,14 +29,28 @@ pub struct AtGain {
     pub found: Estimates,
     /// Its flats below saturation, in the order of [`Estimates::flats`].
     pub flats: Vec<FlatStack>,
+    /// Areas of static scenes by their level, of sets without flats.
+    pub scenes: Vec<Bin>,
     /// Exposure of the shortest dark, s.
     pub shortest_s: f64,
     /// Exposure of the longest dark, s.
     pub longest_s: f64,
-    /// Frames of the darks and of the flats that were used.
+    /// Frames of the darks, and of the flats or scenes that were used.
     pub frames: [usize; 2],
     /// Photon transfer of its flats; none where it has none.
     pub ptc: Option<Ptc>,
+}
+
+impl AtGain {
+    /// DN per electron by the scenes, as of a straight response.
+    fn of_scenes(&self) -> Option<f64> {
+        Value::combine(self.scenes.iter().map(|bin| bin.ratio)).map(|k| k.value)
+    }
+
+    /// Whether its frames tell the gain.
+    pub fn tells_gain(&self) -> bool {
+        !self.flats.is_empty() || !self.scenes.is_empty()
+    }
 }
 
 /// Conditions of a flat.
@@ -57,24 +72,29 @@ pub fn sites(cfa: &Cfa) -> Sites {
     Sites { across: cfa.width, down: cfa.height }
 }
 
+/// Roles of frames of what is no uniform light.
+const SCENES: [Role; 4] = [Role::Scene, Role::Chart, Role::Edge, Role::Dots];
+
 /// Measures every analog gain that has darks, by rising gain, at the temperature of most stacks.
-/// `dn_per_e` is that at unity gain, for sets without flats.
+/// `dn_per_e` is that at unity gain, for sets without flats and scenes; without it, electrons are
+/// DN.
 ///
 /// # Errors
-/// Files that cannot be read; no dark stack of two frames or more; no flat below saturation; no
-/// flats, and no `dn_per_e`.
+/// Files that cannot be read; no dark stack of two frames or more; no flat below saturation.
 pub fn measure(raw: &CaptureSet, cleaned: &Cleaned, dn_per_e: Option<f64>) -> Result<Vec<AtGain>> {
     // Photon transfer reads the frames as they were, with the light that cleaning mended.
     let set = CaptureSet { captures: cleaned.set().captures.clone(), ..raw.clone() };
     let used = at_one_temperature(cleaned.set());
-    let gains_of = |role: Role| {
-        let of_role = used.iter().map(|i| &cleaned.set().captures[*i]).filter(|c| c.role == role);
+    let gains_of = |roles: &[Role]| {
+        let of_role = used.iter().map(|i| &cleaned.set().captures[*i]);
+        let of_role = of_role.filter(|c| roles.contains(&c.role));
         let mut gains: Vec<f64> = of_role.map(|c| c.analog_gain).collect();
         gains.sort_by(f64::total_cmp);
         gains.dedup();
         gains
     };
-    let (mut gains, lit) = (gains_of(Role::Dark), gains_of(Role::Flat));
+    let lit = gains_of(&[&SCENES[..], &[Role::Flat]].concat());
+    let mut gains = gains_of(&[Role::Dark]);
     if gains.is_empty() {
         return Err(Error::input("no dark captures").help(
             "a camera file needs dark frames: some ten of the shortest exposure, and some ten of \
@@ -83,30 +103,30 @@ pub fn measure(raw: &CaptureSet, cleaned: &Cleaned, dn_per_e: Option<f64>) -> Re
     }
     // Those without flats have the gain of the others, in proportion.
     gains.sort_by_key(|gain| !lit.contains(gain));
-    let (mut all, mut unity): (Vec<AtGain>, _) = (Vec::new(), dn_per_e);
+    let in_dn = lit.is_empty().then_some(1.0);
+    let (mut all, mut unity): (Vec<AtGain>, _) = (Vec::new(), dn_per_e.or(in_dn));
     for gain in gains {
         let place = |e: Error| e.at(format!("analog gain {gain}"));
         if unity.is_none() && !lit.contains(&gain) {
-            return Err(Error::input("dark frames alone tell no gain, so nothing in electrons")
-                .help(
-                    "add two flats of one level or more at this gain, or give the DN per electron \
-                     at unity gain",
-                ));
+            return Err(Error::input("no flat or scene at a gain that has darks").help(
+                "add two flats of one level or more, or the DN per electron at unity gain",
+            ));
         }
         let k = unity.map_or(f64::NAN, |k| k * gain);
         let found = at_gain(&set, cleaned, &used, (gain, k)).map_err(place)?;
-        unity = unity.or(found.found.gain.map(|k| k.value / gain));
+        unity =
+            unity.or(found.found.gain.map(|k| k.value).or(found.of_scenes()).map(|k| k / gain));
         all.push(found);
     }
     all.sort_by(|a, b| a.gain.total_cmp(&b.gain));
     Ok(all)
 }
 
-/// The flats, whose gain does not depend on temperature, and the darks whose temperature most darks
-/// have.
+/// The flats, or scenes where there are none, whose gain does not depend on temperature, and the
+/// darks whose temperature most darks have.
 fn at_one_temperature(set: &CaptureSet) -> Vec<usize> {
-    let of = |role: Role| (0..set.captures.len()).filter(move |i| set.captures[*i].role == role);
-    let darks: Vec<usize> = of(Role::Dark).collect();
+    let is_dark = |i: &usize| set.captures[*i].role == Role::Dark;
+    let (darks, lit): (Vec<usize>, Vec<usize>) = (0..set.captures.len()).partition(is_dark);
     let near = |a: &usize, b: &usize| {
         let at = |i: &usize| set.captures[*i].temperature_c;
         at(a).zip(at(b)).is_none_or(|(a, b)| (a - b).abs() <= SAME_TEMPERATURE_C)
@@ -115,7 +135,11 @@ fn at_one_temperature(set: &CaptureSet) -> Vec<usize> {
     // Of equal groups the first in the file.
     let first = darks.iter().rev().max_by_key(together);
     let together = darks.iter().filter(|i| first.is_some_and(|first| near(first, i))).copied();
-    let mut used: Vec<usize> = together.chain(of(Role::Flat)).collect();
+    let is_flat = |i: &usize| set.captures[*i].role == Role::Flat;
+    let is_scene = |i: &usize| SCENES.contains(&set.captures[*i].role);
+    let (flats, others): (Vec<usize>, Vec<usize>) = lit.into_iter().partition(is_flat);
+    let scenes = others.into_iter().filter(is_scene).filter(|_| flats.is_empty());
+    let mut used: Vec<usize> = together.chain(flats.iter().copied()).chain(scenes).collect();
     used.sort_unstable();
     used
 }
@@ -182,10 +206,30 @@ fn at_gain(
     let darks = || stacks.iter().filter(|s| s.role == Role::Dark).map(|s| s.exposure_s);
     let (shortest_s, longest_s) =
         (darks().fold(f64::INFINITY, f64::min), darks().fold(0.0, f64::max));
-    let frames = [count(Role::Dark), flats.iter().map(|f| f.frames).sum()];
-    let found = estimate(&stacks, sites(&cleaned.set().cfa()), dn_per_e)?;
+    let sites = sites(&cleaned.set().cfa());
+    let mut frames = [count(Role::Dark), flats.iter().map(|f| f.frames).sum()];
+    let mut scenes = Vec::new();
+    let shortest = stacks.iter().find(|s| s.role == Role::Dark && s.exposure_s == shortest_s);
+    if let Some(dark) = shortest {
+        for scene in stacks.iter().filter(|s| SCENES.contains(&s.role)) {
+            scenes.extend(bins(&scene.frames, &dark.frames, sites, facts.white_level_dn));
+            frames[1] += scene.frames.len();
+        }
+    }
+    let of_scenes = Value::combine(scenes.iter().map(|bin: &Bin| bin.ratio));
+    let found = estimate(&stacks, sites, of_scenes.map_or(dn_per_e, |k| k.value))?;
     let digital = digital(set, cleaned, gain);
-    Ok(AtGain { gain, digital, found, flats, shortest_s, longest_s, frames, ptc: photon_transfer })
+    Ok(AtGain {
+        gain,
+        digital,
+        found,
+        flats,
+        scenes,
+        shortest_s,
+        longest_s,
+        frames,
+        ptc: photon_transfer,
+    })
 }
 
 /// The photon transfer of the wavelength with most flats at a gain; none without flats.

@@ -293,3 +293,75 @@ fn a_set_without_darks_is_refused() {
     let error = fit(&taken(&truth, plan).set, &Options::default()).unwrap_err();
     assert!(error.to_string().contains("no dark captures"), "{error}");
 }
+
+/// A scene at five exposures instead of flats: gain within its error and within 1 %, read noise and
+/// dark current as with flats.
+#[test]
+fn a_static_scene_tells_the_gain_without_flats() {
+    let truth = camera(
+        &[
+            "sensor.width=192",
+            "sensor.height=128",
+            "sensor.cfa=RGGB",
+            "sensor.full_well_e=11000",
+            "sensor.black_level_dn=64",
+            "sensor.noise.read_e=5",
+            "sensor.noise.prnu=0.008",
+            "sensor.noise.dark_current_e_per_s=40",
+            "sensor.noise.dsnu_e_per_s=15",
+            "sensor.noise.row_fpn_e=0",
+        ],
+        "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 1.2\n",
+    );
+    let dark = |id: &str, exposure: f64| {
+        format!(
+            "[[stack]]\nid = \"{id}\"\nrole = \"dark\"\nframes = 16\nexposure_s = {exposure}\n"
+        )
+    };
+    let scene = |i: i32| {
+        let exposure = 0.002 * 2f64.powi(i);
+        format!(
+            "[[stack]]\nid = \"scene-{i}\"\nrole = \"scene\"\nframes = 4\nscene = {{ scene = \"colorchecker\" }}\n\
+             exposure_s = {exposure}\nlight = {{ illuminant = \"D65\", lux = 200 }}\n"
+        )
+    };
+    let scenes: String = (0..5).map(scene).collect();
+    let taken = taken(&truth, &(dark("dark", 0.002) + &dark("long", 0.5) + &scenes));
+    let (fitted, _) = taken.fitted(&Options::default());
+    let mut wrong = Vec::new();
+    for (path, truth, part) in [
+        ("sensor.full_well_e", 11_000.0, 0.01),
+        ("sensor.noise.read_e", 5.0, 0.015),
+        ("sensor.noise.dark_current_e_per_s", 40.0, 0.02),
+    ] {
+        check(&fitted, &mut wrong, path, truth, part);
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}\n{}", fitted.draft.text());
+    assert!(fitted.notes.iter().any(|note| note.contains("no flats")), "{:?}", fitted.notes);
+}
+
+/// Darks alone: black level in DN, all figures in electrons open at once, with what they are in DN.
+#[test]
+fn darks_alone_leave_electrons_open() {
+    let truth =
+        Camera::load_with("mt9v024", [("sensor.width", 64), ("sensor.height", 48)]).unwrap();
+    let plan = "[[stack]]\nid = \"dark\"\nrole = \"dark\"\nframes = 16\nexposure_s = 0.004\n\
+                [[stack]]\nid = \"long\"\nrole = \"dark\"\nframes = 16\nexposure_s = 0.5\n";
+    let taken = taken(&truth, plan);
+    let fitted = fit(&taken.set, &Options::default()).unwrap();
+    let open = |path: &str| fitted.draft.entry(path).unwrap().value.as_str() == Some(OPEN);
+    for path in ["full_well_e", "noise.read_e", "noise.dark_current_e_per_s", "noise.row_fpn_e"] {
+        assert!(open(&format!("sensor.{path}")), "{path}\n{}", fitted.draft.text());
+    }
+    let black = figure(&fitted, "sensor.black_level_dn");
+    assert!((black.value - truth.sensor.black_level_dn).abs() < 1.0, "{black:?}");
+    let k = truth.sensor.at_gain(1.0).dn_per_e;
+    let read = &fitted.draft.entry("sensor.noise.read_e").unwrap().basis.note;
+    let dn: f64 = read.split(' ').next().unwrap().parse().unwrap();
+    assert!((dn / (truth.sensor.noise.read_e * k) - 1.0).abs() < 0.05, "{read}");
+    assert!(fitted.draft.camera(std::path::Path::new("")).is_err());
+    let given = Options { dn_per_e: Some(k), ..Options::default() };
+    let fitted = fit(&taken.set, &given).unwrap();
+    let read = figure(&fitted, "sensor.noise.read_e");
+    assert!((read.value / truth.sensor.noise.read_e - 1.0).abs() < 0.05, "{read:?}");
+}

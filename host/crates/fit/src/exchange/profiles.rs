@@ -198,17 +198,21 @@ fn profiles(all: &[Profile], from: &str) -> Result<Imported> {
             all.iter().map(|p| rounded(of(p), DIGITS)).collect()
         };
         found.add("sensor.gains.at", column(&|p| p.gain), from);
-        let columns: [(bool, &str, &dyn Fn(&Profile) -> f64); 3] = [
-            (read_off, "read_e", &read_e),
-            (gain_off, "dn_per_e", &dn_per_e),
-            (black_off, "black_level_dn", &|p| p.black_level_dn),
-        ];
-        for (_, key, of) in columns.into_iter().filter(|(off, ..)| *off) {
+        let mut add = |key: &str, of: &dyn Fn(&Profile) -> f64| {
             found.add(&format!("sensor.gains.{key}"), column(of), from);
             found.notes.push(format!(
                 "{key} over the gains is on no law: [sensor.gains] has that of each gain, and \
                  straight lines in logarithms between them"
             ));
+        };
+        if read_off {
+            add("read_e", &read_e);
+        }
+        if gain_off {
+            add("dn_per_e", &dn_per_e);
+        }
+        if black_off {
+            add("black_level_dn", &|p| p.black_level_dn);
         }
     }
     if all.iter().any(|p| p.white_level_dn != first.white_level_dn) {
@@ -271,12 +275,14 @@ pub(super) fn of_darktable(json: &Json, beside: &Beside) -> Result<Imported> {
         all.iter().map(|pair| pair[i]).sum::<f64>() / all.len() as f64
     };
     let unity = of_iso.iter().map(|(iso, all)| mean(all, 0) * lowest / iso).sum::<f64>();
-    let smaller = full_well_e * unity / of_iso.len() as f64;
+    let black_level_dn = beside.black_level_dn.unwrap_or(0.0);
+    let range = (white_level_dn - black_level_dn) / white_level_dn;
+    let smaller = full_well_e * range * unity / of_iso.len() as f64;
     let profile = |(iso, all): &(f64, Vec<[f64; 2]>)| Profile {
         gain: iso / lowest,
         shot: mean(all, 0) / smaller,
         offset: mean(all, 1) / smaller,
-        black_level_dn: beside.black_level_dn.unwrap_or(0.0),
+        black_level_dn,
         white_level_dn,
     };
     let mut found = profiles(&of_iso.iter().map(profile).collect::<Vec<_>>(), from)?;
