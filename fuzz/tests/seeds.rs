@@ -3,7 +3,7 @@
 
 use camrig_fuzz::files::Reader;
 use camrig_fuzz::memory::Bounded;
-use camrig_fuzz::{device, frames, gige, host, profiles, video};
+use camrig_fuzz::{device, frames, gige, host, profiles, usbip, video};
 use std::path::{Path, PathBuf};
 
 #[global_allocator]
@@ -126,5 +126,36 @@ fn sensors_take_any_transactions_and_maps_are_read_or_refused() {
     }
     for _ in 0..CONVERSATIONS {
         profiles::drive(&[&draws.changed(map), &b"\x0c"[..], &draws.bytes(200)].concat());
+    }
+}
+
+#[test]
+fn the_usb_camera_answers_or_refuses_whatever_a_host_asks() {
+    let mut meant = Vec::new();
+    // Set-up, a format, a stream with two transfers, controls; the interface is the index.
+    let probe = [&[0, 0, 1, 1][..], &[0; 22]].concat();
+    for (setup, out) in [
+        ([0x80, 6, 0, 2, 0, 0, 255, 255], &[][..]),
+        ([0x21, 1, 0, 1, 1, 0, 26, 0], &probe),
+        ([0x21, 1, 0, 2, 1, 0, 26, 0], &probe),
+        ([0x21, 1, 0, 4, 0, 1, 4, 0], &[50, 0, 0, 0]),
+        ([0x21, 1, 0, 4, 0, 2, 2, 0], &[0, 2]),
+        ([0xA1, 0x81, 0, 4, 0, 2, 2, 0], &[]),
+    ] {
+        meant.extend([1, 1, u8::from(out.is_empty()), 0, out.len().max(1) as u8]);
+        meant.extend(setup);
+        meant.extend(out);
+    }
+    for seq in [2, 3] {
+        meant.extend([1, seq, 1, 1, 200]);
+        meant.extend([0; 8]);
+    }
+    meant.extend([2, 4, 0, 3, 0]);
+    meant.extend([0; 8]);
+    usbip::attach(&meant);
+    let mut draws = Draws(1);
+    for _ in 0..CONVERSATIONS {
+        usbip::attach(&draws.changed(&meant));
+        usbip::attach(&draws.bytes(2000));
     }
 }

@@ -14,6 +14,7 @@
 //! | [`render`], [`exposure`] | irradiance, exposure in seconds, gain | raw frames, DN |
 //! | [`rig`] | irradiance, the address of a rig | raw frames of the rig |
 //! | [`gige`] | a source of raw frames | a GigE Vision camera on the network |
+//! | [`usbip`] | a source of raw frames | a USB video camera that Linux attaches |
 //! | [`profiles`] | register maps of sensors, I2C writes | exposure and gain of each frame |
 //! | [`captures`], [`capture`] | a manifest and frames; a plan | capture sets |
 //! | [`clean`] | a capture set | what is not its sensor's; the frames without it |
@@ -92,4 +93,5 @@ pub use camrig_rig as rig;
 pub use camrig_scene as scene;
 pub use camrig_scene_files as scene_files;
 pub use camrig_statistics as statistics;
+pub use camrig_usbip as usbip;
 pub use camrig_validate as validate;

@@ -50,8 +50,9 @@ mod notes;
 mod presets;
 mod readout;
 mod rig;
+mod rig_camera;
 mod rig_frames;
-mod rig_gige;
+
 mod rig_stream;
 mod rig_view;
 mod scene;

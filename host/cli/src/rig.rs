@@ -1,6 +1,7 @@
 //! `camrig rig`: use rigs, or emulate one.
 
-use super::{listen, rig_gige};
+use super::listen;
+use super::rig_camera::{self, Link};
 use camrig_base::numbers::counted;
 use camrig_base::{Error, Result};
 use camrig_render::Arithmetic;
@@ -13,7 +14,6 @@ use camrig_sensor_core::effects::Effect;
 use clap::Subcommand;
 use serde_json::json;
 use std::io::{Read, Write};
-use std::net::SocketAddrV4;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -63,16 +63,18 @@ struct InfoArgs {
 }
 
 /// Run the emulator as a server: a rig on TCP, a pseudo-terminal or a device file, or a camera on
-/// the network
+/// the network or on USB
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  \
     camrig rig serve --tcp 127.0.0.1:7420\n  \
     camrig rig serve --tcp 0.0.0.0:7420 --allow-remote --token\n  \
     camrig rig serve --pty\n  \
     camrig rig serve --gige 127.0.0.1 --camera mt9v024 --scene colorchecker --exposure 5ms\n  \
+    camrig rig serve --usbip --camera mt9v024 --scene colorchecker --exposure 5ms\n  \
     camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
 #[command(group(clap::ArgGroup::new("link")
-    .required(true).args(["tcp", "pty", "device", "gige"])))]
+    .required(true).args(["tcp", "pty", "device", "gige", "usbip"])))]
+#[command(group(clap::ArgGroup::new("camera_link").args(["gige", "usbip"])))]
 struct ServeArgs {
     /// Listen on HOST:PORT. Serves one host at a time; a host that has been silent for 10 s is
     /// dropped when another one connects
@@ -113,13 +115,24 @@ struct ServeArgs {
     #[arg(
         long,
         value_name = "ADDRESS",
-        value_parser = rig_gige::place,
+        value_parser = Link::gige,
         num_args = 0..=1,
         default_missing_value = "127.0.0.1"
     )]
-    gige: Option<SocketAddrV4>,
+    gige: Option<Link>,
+    /// Be a USB video camera that Linux attaches from this address by USB/IP (modprobe vhci-hcd;
+    /// usbip attach -r ADDRESS -b 1-1), for programs that take one (V4L2, ffmpeg, OpenCV). One host
+    /// has it at a time; exposure time and gain are its controls
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        value_parser = Link::usbip,
+        num_args = 0..=1,
+        default_missing_value = "127.0.0.1"
+    )]
+    usbip: Option<Link>,
     #[command(flatten)]
-    gige_camera: rig_gige::Args,
+    camera: rig_camera::Args,
     /// Pretend to support only these protocol versions, to test a host's messages
     #[arg(long, value_name = "OLDEST,NEWEST", value_parser = versions, hide = true)]
     versions: Option<(u8, u8)>,
@@ -288,10 +301,10 @@ fn serve(args: &ServeArgs) -> Result<()> {
         println!("{url}");
         let _ = std::io::stdout().flush();
     };
-    if let Some(place) = args.gige {
-        return rig_gige::serve(place, args.allow_remote, &args.gige_camera, ready);
+    if let Some(link) = args.gige.or(args.usbip) {
+        return rig_camera::serve(link, args.allow_remote, &args.camera, ready);
     }
-    args.gige_camera.refuse()?;
+    args.camera.refuse()?;
     let emulator = Emulator::new(args.versions);
     if let Some(address) = &args.tcp {
         return serve_tcp(address, args, emulator, ready);

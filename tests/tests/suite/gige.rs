@@ -20,9 +20,9 @@ const SILENCE: Duration = Duration::from_millis(20);
 const SIZE: (u32, u32) = (64, 48);
 const DENIED: u16 = 0x8006;
 
-struct Server {
+pub struct Server {
     child: Child,
-    address: String,
+    pub address: String,
 }
 
 impl Drop for Server {
@@ -34,9 +34,14 @@ impl Drop for Server {
 
 /// A camera in front of a scene, in a folder where `c.toml` is the camera.
 fn serve(folder: &Path, options: &str) -> Server {
+    serve_as(folder, "gige", options)
+}
+
+/// The same as another kind of camera.
+pub fn serve_as(folder: &Path, link: &str, options: &str) -> Server {
     let (width, height) = SIZE;
     std::fs::write(folder.join("c.toml"), small_camera(width, height, &[])).unwrap();
-    let arguments = format!("rig serve --gige 127.0.0.1:0 --camera c.toml {options}");
+    let arguments = format!("rig serve --{link} 127.0.0.1:0 --camera c.toml {options}");
     let mut child = Command::new(env!("CARGO_BIN_EXE_camrig-under-test"))
         .args(arguments.split_whitespace())
         .current_dir(folder)
@@ -47,7 +52,8 @@ fn serve(folder: &Path, options: &str) -> Server {
     let (sender, receiver) = mpsc::channel();
     std::thread::spawn(move || sender.send(BufReader::new(stdout).lines().next()));
     let line = receiver.recv_timeout(PATIENCE).unwrap().unwrap().unwrap();
-    Server { child, address: line.strip_prefix("gige://").unwrap().to_string() }
+    let address = line.strip_prefix(&format!("{link}://")).unwrap().to_string();
+    Server { child, address }
 }
 
 /// An image as it was put together.
@@ -217,7 +223,7 @@ impl Client {
 }
 
 /// Frames that `camrig expose` makes of the light in `a.irr`, from frame 0 on.
-fn exposed(folder: &Path, format: &str, options: &str, count: usize) -> Vec<Vec<u8>> {
+pub fn exposed(folder: &Path, format: &str, options: &str, count: usize) -> Vec<Vec<u8>> {
     let arguments =
         format!("expose --camera c.toml --irradiance a.irr --frames {count} -o - --to {format}");
     let output = camrig_ok(folder, &format!("{arguments} {options}"));
@@ -225,7 +231,7 @@ fn exposed(folder: &Path, format: &str, options: &str, count: usize) -> Vec<Vec<
     output.stdout.chunks(bytes).map(<[u8]>::to_vec).collect()
 }
 
-fn light(folder: &Path) {
+pub fn light(folder: &Path) {
     let arguments = "simulate --camera c.toml --scene colorchecker --exposure 5ms -o one.npy \
                      --save-irradiance a.irr";
     camrig_ok(folder, arguments);

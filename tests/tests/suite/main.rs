@@ -34,6 +34,7 @@ mod scene_frames;
 mod scene_sequences;
 mod sequences;
 mod statistics;
+mod usbip;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -33,7 +33,7 @@ fn what_a_driver_writes_gives_the_frames_of_expose_after_the_sensors_delay() {
 
     // IMX219: 500 and 700 lines of 3448 clocks at 182.4 MHz; gains 256 / (256 - code).
     let mut sensor = Sensor::new(Profile::builtin("imx219").unwrap());
-    let mut write = |sensor: &mut Sensor, bytes: &[u8]| sensor.write(0x10, bytes).unwrap();
+    let write = |sensor: &mut Sensor, bytes: &[u8]| sensor.write(0x10, bytes).unwrap();
     write(&mut sensor, &[0x01, 0x5A, 0x01, 0xF4]);
     write(&mut sensor, &[0x01, 0x57, 0]);
     write(&mut sensor, &[0x01, 0x00, 1]);

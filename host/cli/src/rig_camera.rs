@@ -1,4 +1,5 @@
-//! `camrig rig serve --gige`: the emulator in front of a scene, as a GigE Vision camera.
+//! `camrig rig serve --gige` and `--usbip`: the emulator in front of a scene, as a camera on the
+//! network (GigE Vision) or on USB (UVC by USB/IP).
 
 use super::arguments::{
     CameraArgs, DeviceArgs, arithmetic, duration, frames_per_s, gain, positive,
@@ -15,7 +16,7 @@ use camrig_base::{Cfa, Error, Result};
 use camrig_camera::Camera;
 use camrig_formats::Format;
 use camrig_formats::live::{Beside, LiveEncoder};
-use camrig_gige::{self as gige, Order, Pattern, Sensor, Server, Taken, Timing};
+use camrig_gige::{self as gige, Order, Pattern, Sensor, Taken, Timing};
 use camrig_render::readout::Region;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::remembering::remembering;
@@ -23,6 +24,7 @@ use camrig_rig::script::Write as Setting;
 use camrig_rig::stage::changing_light;
 use camrig_rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
+use camrig_usbip as usbip;
 use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, FromArgMatches};
@@ -34,7 +36,7 @@ const USUAL_FPS: f64 = 30.0;
 
 /// What the camera sees, and how it begins.
 #[derive(clap::Args, Debug)]
-#[command(next_help_heading = "Camera of --gige")]
+#[command(next_help_heading = "Camera of --gige and --usbip")]
 pub struct Args {
     #[command(flatten)]
     view: OptionalScene,
@@ -43,7 +45,7 @@ pub struct Args {
     /// Exposure time at the start
     #[arg(
         long,
-        requires = "gige",
+        requires = "camera_link",
         value_parser = duration,
         allow_hyphen_values = true,
         value_name = "TIME",
@@ -51,16 +53,16 @@ pub struct Args {
     )]
     exposure: f64,
     /// Analog gain at the start [default: that of the camera file]
-    #[arg(long, requires = "gige", value_parser = gain, value_name = "G")]
+    #[arg(long, requires = "camera_link", value_parser = gain, value_name = "G")]
     gain: Option<f64>,
     /// Frame rate at the start, frames/s [default: that of the camera file's timing, or 30]
-    #[arg(long, requires = "gige", value_parser = frames_per_s, value_name = "F")]
+    #[arg(long, requires = "camera_link", value_parser = frames_per_s, value_name = "F")]
     fps: Option<f64>,
     /// Arithmetic of the sensor stage
-    #[arg(long, requires = "gige", value_parser = arithmetic(), default_value_t)]
+    #[arg(long, requires = "camera_link", value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
     /// Expose mean electrons instead of spectral bands: many times faster, 2⁻¹⁷ more rounding
-    #[arg(long, requires = "gige")]
+    #[arg(long, requires = "camera_link")]
     collapse: bool,
     #[command(flatten)]
     faults: FaultArgs,
@@ -68,7 +70,7 @@ pub struct Args {
 
 /// Camera and scene.
 #[derive(clap::Args, Debug)]
-#[command(next_help_heading = "Camera of --gige")]
+#[command(next_help_heading = "Camera of --gige and --usbip")]
 struct SceneArgs {
     #[command(flatten)]
     camera: CameraArgs,
@@ -134,7 +136,7 @@ impl FromArgMatches for OptionalScene {
                 Some(id) => Err(clap::Error::raw(
                     ErrorKind::MissingRequiredArgument,
                     format!(
-                        "--{} is for --gige, with --camera and --scene\n",
+                        "--{} is for --gige and --usbip, with --camera and --scene\n",
                         id.replace('_', "-")
                     ),
                 )),
@@ -142,7 +144,7 @@ impl FromArgMatches for OptionalScene {
             [true, true] => SceneArgs::from_arg_matches(matches).map(|scene| Self(Some(scene))),
             _ => Err(clap::Error::raw(
                 ErrorKind::MissingRequiredArgument,
-                "--camera and --scene go together, for --gige\n",
+                "--camera and --scene go together, for --gige and --usbip\n",
             )),
         }
     }
@@ -160,46 +162,118 @@ impl Args {
             return Ok(());
         }
         Err(Error::input("camera, scene, lamps or faults of a rig")
-            .help("hosts bring these; --gige is for applications that do not"))
+            .help("hosts bring these; --gige and --usbip are for applications that do not"))
     }
 }
 
-/// Reads `ADDRESS` or `ADDRESS:PORT`.
-pub fn place(text: &str) -> Result<SocketAddrV4, String> {
-    let alone = text.parse::<Ipv4Addr>().map(|ip| SocketAddrV4::new(ip, gige::gvcp::PORT));
+/// Where the camera is connected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Link {
+    /// On the network, as GigE Vision.
+    Gige(SocketAddrV4),
+    /// On USB, which a host attaches by USB/IP.
+    Usbip(SocketAddrV4),
+}
+
+impl Link {
+    /// Reads `ADDRESS` or `ADDRESS:PORT` of a GigE Vision camera.
+    pub fn gige(text: &str) -> Result<Self, String> {
+        place(text, gige::gvcp::PORT).map(Self::Gige)
+    }
+
+    /// Reads `ADDRESS` or `ADDRESS:PORT` of a USB/IP server.
+    pub fn usbip(text: &str) -> Result<Self, String> {
+        place(text, usbip::protocol::PORT).map(Self::Usbip)
+    }
+
+    fn place(self) -> SocketAddrV4 {
+        match self {
+            Self::Gige(place) | Self::Usbip(place) => place,
+        }
+    }
+
+    fn open(self) -> Result<Open> {
+        let place = self.place();
+        let failed = |e: std::io::Error| {
+            Error::device(format!("cannot listen there: {e}")).at(place).help(
+                "use an address of this machine, and another one of it for each camera: \
+                 127.0.0.2, ...",
+            )
+        };
+        Ok(match self {
+            Self::Gige(_) if place.ip().is_unspecified() => {
+                return Err(Error::input(format!("a camera at {}", place.ip()))
+                    .help("a camera tells its address: give that of one interface"));
+            }
+            Self::Gige(_) => Open::Gige(gige::Server::bind(place).map_err(failed)?),
+            Self::Usbip(_) => Open::Usbip(usbip::Server::bind(place).map_err(failed)?),
+        })
+    }
+}
+
+fn place(text: &str, port: u16) -> Result<SocketAddrV4, String> {
+    let alone = text.parse::<Ipv4Addr>().map(|ip| SocketAddrV4::new(ip, port));
     alone
         .or_else(|_| text.parse())
         .map_err(|_| format!("{text:?} is not an IPv4 address of this machine such as 127.0.0.1"))
 }
 
-/// Serves applications at an address until a signal asks to stop.
+/// A link whose sockets are open.
+enum Open {
+    Gige(gige::Server),
+    Usbip(usbip::Server),
+}
+
+impl Open {
+    fn url(&self) -> String {
+        match self {
+            Self::Gige(server) => format!("gige://{}", server.address()),
+            Self::Usbip(server) => format!("usbip://{}", server.address()),
+        }
+    }
+
+    /// Serves applications until a signal asks to stop, and says how much was sent.
+    fn run(&self, sensor: Sensor, source: &mut Source<'_>) -> Result<()> {
+        let stop = Stoppable::new();
+        match self {
+            Self::Gige(server) => {
+                let counts = server.run(sensor, source, || stop.is_asked())?;
+                eprintln!(
+                    "sent {}, {} repeated",
+                    counted(counts.blocks as usize, "frame"),
+                    counted(counts.repeated as usize, "packet")
+                );
+            }
+            Self::Usbip(server) => {
+                let images = server.run(sensor, source, || stop.is_asked())?;
+                eprintln!("sent {}", counted(images as usize, "frame"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Serves applications until a signal asks to stop.
 pub fn serve(
-    place: SocketAddrV4,
+    link: Link,
     allow_remote: bool,
     args: &Args,
     ready: impl FnOnce(String),
 ) -> Result<()> {
     let scene = args.view.0.as_ref().ok_or_else(|| {
-        Error::input("--gige without a camera and a scene")
-            .help("give what the camera is and sees: --camera C --scene S")
+        Error::input("a camera without what it is and sees").help("give --camera C --scene S")
     })?;
     let view = scene.view();
     let opens = "take this camera's frames and control it";
+    let place = link.place();
     listen::remote(&place.to_string(), allow_remote, opens)?;
-    if place.ip().is_unspecified() {
-        return Err(Error::input(format!("a camera at {}", place.ip()))
-            .help("a camera tells its address: give that of one interface"));
-    }
-    let server = Server::bind(place).map_err(|e| {
-        Error::device(format!("cannot listen there: {e}")).at(place).help(
-            "use an address of this machine, and another one of it for each camera: 127.0.0.2, ...",
-        )
-    })?;
+    let server = link.open()?;
     let camera = view.camera.load()?;
     let (width, height) = (camera.sensor.width, camera.sensor.height);
-    if width < 4 || height < 2 {
+    let sides = 4..=u32::from(u16::MAX);
+    if !sides.contains(&width) || height < 2 || !sides.contains(&(height + 2)) {
         return Err(Error::unsupported(format!("a camera of {width} x {height} pixels"))
-            .help("regions over GigE Vision have 4 columns and 2 rows at least"));
+            .help("images have 4 columns and 2 rows at least, and at most 65535 and 65533"));
     }
     let pattern = pattern(&camera.sensor.cfa)?;
     let changes =
@@ -213,7 +287,7 @@ pub fn serve(
         return Err(changing_light(effect));
     }
     let mut rig = Rig::open("emulator:")?;
-    let sensor = sensor(&mut rig, args, &camera, pattern, *server.address().ip(), fps)?;
+    let sensor = sensor(&mut rig, args, &camera, pattern, *place.ip(), fps)?;
     let bound_to_rate = changes && camera.sensor.timing.is_none();
     let frames = RigFrames::new(&cubes, &sensors, Some(&mut lights), args.collapse)
         .with_faults(args.faults.open(&sensors[0], false)?);
@@ -229,25 +303,20 @@ pub fn serve(
         line_ns: sensor.line_ns,
         slow: Some(0),
     };
-    if !server.is_found_by_broadcast() {
+    if let Open::Gige(server) = &server
+        && !server.is_found_by_broadcast()
+    {
         eprintln!(
             "note: discovery by broadcast does not find this camera: another program holds the \
              broadcast address; applications find it at {}",
             server.address()
         );
     }
-    ready(format!("gige://{}", server.address()));
-    let stop = Stoppable::new();
-    let counts = server.run(sensor, &mut source, || stop.is_asked())?;
-    eprintln!(
-        "sent {}, {} repeated",
-        counted(counts.blocks as usize, "frame"),
-        counted(counts.repeated as usize, "packet")
-    );
-    Ok(())
+    ready(server.url());
+    server.run(sensor, &mut source)
 }
 
-/// The colour filters as GigE Vision knows them.
+/// The colour filters as both links know them.
 fn pattern(cfa: &Cfa) -> Result<Pattern> {
     Ok(match cfa.to_string().as_str() {
         _ if cfa.is_mono() => Pattern::Mono,
@@ -256,8 +325,8 @@ fn pattern(cfa: &Cfa) -> Result<Pattern> {
         "GBRG" => Pattern::BayerGb,
         "BGGR" => Pattern::BayerBg,
         other => {
-            return Err(Error::unsupported(format!("the pattern {other} over GigE Vision"))
-                .help("its pixel formats are of Bayer patterns, or without colour filters"));
+            return Err(Error::unsupported(format!("a live camera with the pattern {other}"))
+                .help("pixel formats are of Bayer patterns, or without colour filters"));
         }
     })
 }
@@ -430,14 +499,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_has_an_address_and_the_port_of_gvcp() {
-        assert_eq!(place("127.0.0.2"), Ok(SocketAddrV4::new(Ipv4Addr::new(127, 0, 0, 2), 3956)));
-        assert_eq!(place("127.0.0.1:0").map(|place| place.port()), Ok(0));
-        assert!(place("localhost").unwrap_err().contains("127.0.0.1"));
+    fn a_camera_has_an_address_and_the_port_of_its_protocol() {
+        let at = |port| SocketAddrV4::new(Ipv4Addr::new(127, 0, 0, 2), port);
+        assert_eq!(Link::gige("127.0.0.2"), Ok(Link::Gige(at(3956))));
+        assert_eq!(Link::usbip("127.0.0.2"), Ok(Link::Usbip(at(3240))));
+        assert_eq!(Link::usbip("127.0.0.2:0"), Ok(Link::Usbip(at(0))));
+        assert!(Link::gige("localhost").unwrap_err().contains("127.0.0.1"));
     }
 
     #[test]
-    fn patterns_are_those_that_gige_vision_names() {
+    fn patterns_are_those_that_pixel_formats_have() {
         let of = |text| pattern(&Cfa::parse(text).unwrap());
         assert_eq!(of("GBRG").unwrap(), Pattern::BayerGb);
         assert_eq!(of("mono").unwrap(), Pattern::Mono);
