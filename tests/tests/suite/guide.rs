@@ -115,6 +115,11 @@ fn be_a_camera() {
 }
 
 #[test]
+fn be_a_usb_camera() {
+    page("docs/guide/usb-camera.md");
+}
+
+#[test]
 fn drive_a_rig() {
     page("docs/guide/rig.md");
 }
