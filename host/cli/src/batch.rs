@@ -1,8 +1,8 @@
 //! `camrig batch`: renders a sweep to a data set.
 
 use super::arguments::{device, progress};
-use camrig_base::Result;
 use camrig_base::numbers::counted;
+use camrig_base::{Error, Result};
 use camrig_batch::{self as batch, Dataset, Shard, Sweep};
 use camrig_optics::{DeviceChoice, content};
 use camrig_report::tradeoff;
@@ -10,8 +10,8 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Render a sweep (a grid of cameras, scenes, lights, exposures, seeds) to a data set with a
-/// manifest
+/// Render a sweep (a grid of cameras, scenes, lights, exposures, seeds, or random draws of them) to
+/// a data set with a manifest
 ///
 /// Existing pictures are kept: after a crash or a kill, run the same command again. The pictures do
 /// not depend on how the work was split.
@@ -37,9 +37,21 @@ use std::process::ExitCode;
     delta_e_2000 = true              # colour charts\n\n  \
     [choice]                         # the optimum on that page\n  \
     best = \"snr_10_lux\"              # least light for an SNR of 10\n  \
-    need = { mtf50_cycles_per_mm = 150 }\n\nExamples:\n  \
+    need = { mtf50_cycles_per_mm = 150 }\n\n  \
+    [random]                         # keys of the grid or of the camera file by chance\n  \
+    count = 200                      # draws per combination of the grid\n  \
+    seed = 1\n  \
+    [random.keys]\n  \
+    scene = { choice = [\"photos/*.jpg\"] }\n  \
+    lux = { log-range = [10, 1000] }\n  \
+    \"sensor.noise.read_e\" = { range = [2, 4] }\n\n  \
+    [clean]                          # expected signal beside each frame, NAME.clean.npy\n  \
+    unit = \"dn\"                      # or \"e\"\n\n  \
+    [labels]                         # carried through the lens\n  \
+    folder = \"labels\"                # of photo.jpg: photo.json (LabelMe), photo.png (mask)\n\nExamples:\n  \
     camrig batch sweep.toml --dry-run\n  \
     camrig batch sweep.toml -o dataset\n  \
+    camrig batch sweep.toml -o again --only 137\n  \
     camrig batch sweep.toml -o dataset --shard $SLURM_ARRAY_TASK_ID/64\n  \
     parallel -j 8 camrig batch sweep.toml -o dataset --shard {}/64 ::: $(seq 64)")]
 pub struct Args {
@@ -51,6 +63,9 @@ pub struct Args {
     /// Render only part K of N, counted from 1
     #[arg(long, value_name = "K/N", value_parser = Shard::parse, default_value = "1/1")]
     shard: Shard,
+    /// Render only the picture with this index, counted from 0
+    #[arg(long, value_name = "INDEX", conflicts_with = "shard")]
+    only: Option<u64>,
     /// Print what would be rendered, and how much of it exists
     #[arg(long)]
     dry_run: bool,
@@ -70,7 +85,15 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode> {
     let sweep = Sweep::load(&args.sweep)?;
     let total = sweep.pictures();
-    let part = args.shard.pictures(total);
+    let part = match args.only {
+        Some(index) if index >= total => {
+            return Err(Error::input(format!("picture {index} of {total}"))
+                .at("--only")
+                .help(format!("use 0 to {}", total - 1)));
+        }
+        Some(index) => index..index + 1,
+        None => args.shard.pictures(total),
+    };
     let dataset = match &args.output {
         Some(directory) if !args.dry_run || directory.join("batch.json").exists() => {
             Some(Dataset::open(directory, &sweep)?)
@@ -87,7 +110,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 bar.suspend(|| eprintln!("note: {note}"));
                 notes.push(note.to_owned());
             };
-            batch::run(&sweep, dataset, args.shard, device, cache, || bar.inc(1), tell)?;
+            batch::run(&sweep, dataset, part.clone(), device, cache, || bar.inc(1), tell)?;
             bar.finish_and_clear();
             dataset.complete()?
         }
@@ -116,7 +139,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         println!("{object}");
     } else {
         let total = counted(total as usize, "picture");
-        eprintln!("{total}, {in_part} of them in shard {}; {done} done", args.shard);
+        let part = match args.only {
+            Some(index) => format!("picture {index} alone"),
+            None => format!("{in_part} of them in shard {}", args.shard),
+        };
+        eprintln!("{total}, {part}; {done} done");
         if let (true, Some(directory)) = (complete, &args.output) {
             eprintln!("complete: {}", directory.join("manifest.jsonl").display());
             if let Some(page) = page {

@@ -9,6 +9,7 @@ mod captures;
 mod command_line;
 mod console_scenes;
 mod control;
+mod data_sets;
 mod diagnosis;
 mod empirical;
 mod examples;

@@ -4,23 +4,29 @@
 //! DIR/batch.json               what is being made, of which inputs, by which version
 //! DIR/frames/000/000042.dng    picture 42
 //! DIR/frames/000/000042.json   its parameters, digest and figures
+//! DIR/frames/000/000042.clean.npy, .labels.json, .mask.png    where the sweep file asks for them
+//! DIR/tars/000000.tar          pictures 0 to N - 1, instead of their files but for the records,
+//!                              where the sweep file has `pictures_per_tar = N`
 //! DIR/manifest.jsonl           all of these in order: the data set is complete
 //! DIR/figures.csv              figures of all pictures, where the sweep file has [figures]
 //! DIR/figures.html             the same as a page, by whoever draws pages
 //! ```
 //!
-//! Files appear whole, a picture's record before the picture: where the picture is, both are. So a
-//! picture is done exactly if its file is there, a kill loses at most the work on pictures under
-//! way, and two processes that make the same picture make the same bytes.
+//! Files appear whole, a picture's record and what is beside it before the picture: where the
+//! picture is, all are. So a picture is done exactly if its file or its tar file is there, a kill
+//! loses at most the work on pictures under way, and two processes that make the same picture make
+//! the same bytes. A tar file is made when the last of its pictures is there, and then their files
+//! go.
 
-use super::Sweep;
 use super::figures::{self, Figures, Wanted};
+use super::{Sweep, tars};
 use camrig_base::output::write_file;
 use camrig_base::{Error, Result};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
 use std::fs;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// A data set under way.
@@ -28,7 +34,20 @@ pub struct Dataset {
     directory: PathBuf,
     extension: String,
     pictures: u64,
+    per_tar: Option<u64>,
     wanted: Wanted,
+}
+
+/// What one picture has.
+pub struct Sample {
+    /// The frame's file.
+    pub frame: Vec<u8>,
+    /// Files beside it, by their endings.
+    pub beside: Vec<(&'static str, Vec<u8>)>,
+    /// What it was made of.
+    pub parameters: Value,
+    /// Its figures.
+    pub figures: Figures,
 }
 
 /// Pictures in one folder: few enough for tools that list a folder to stay quick.
@@ -68,8 +87,23 @@ impl Dataset {
             directory: directory.to_path_buf(),
             extension: sweep.files.clone(),
             pictures: sweep.pictures(),
+            per_tar: sweep.pictures_per_tar.map(u64::from),
             wanted: sweep.figures.clone(),
         })
+    }
+
+    /// The tar file that a picture goes to, if any, and the pictures in it.
+    fn tar(&self, index: u64) -> Option<(PathBuf, Range<u64>)> {
+        let number = index / self.per_tar?;
+        let first = number * self.per_tar?;
+        let place = self.directory.join(format!("tars/{number:06}.tar"));
+        Some((place, first..(first + self.per_tar?).min(self.pictures)))
+    }
+
+    /// Files of a picture that are there, its record last.
+    fn files(&self, index: u64) -> impl Iterator<Item = PathBuf> {
+        let endings = [&self.extension[..], "clean.npy", "labels.json", "mask.png", "json"];
+        endings.map(|ending| self.place(index, ending)).into_iter().filter(|path| path.exists())
     }
 
     fn place(&self, index: u64, extension: &str) -> PathBuf {
@@ -79,6 +113,7 @@ impl Dataset {
     /// Whether a picture is done.
     pub fn has(&self, index: u64) -> bool {
         self.place(index, &self.extension).exists()
+            || self.tar(index).is_some_and(|(tar, _)| tar.exists())
     }
 
     /// Number of pictures done.
@@ -86,22 +121,17 @@ impl Dataset {
         (0..self.pictures).filter(|&i| self.has(i)).count() as u64
     }
 
-    /// Writes a picture and its record, which holds the picture's `parameters` and `figures`.
+    /// Writes a picture, what is beside it, and its record.
     ///
     /// # Errors
     /// What the operating system refuses.
-    pub fn put(
-        &self,
-        index: u64,
-        bytes: &[u8],
-        parameters: Value,
-        figures: Figures,
-    ) -> Result<()> {
+    pub fn put(&self, index: u64, sample: Sample) -> Result<()> {
+        let Sample { frame, beside, parameters, figures } = sample;
         let mut record = json!({
             "index": index,
             "file": relative(index, &self.extension),
-            "sha256": hex(&Sha256::digest(bytes)),
-            "bytes": bytes.len(),
+            "sha256": hex(&Sha256::digest(&frame)),
+            "bytes": frame.len(),
             "parameters": parameters,
             "channels": figures.channels,
         });
@@ -111,8 +141,58 @@ impl Dataset {
         let folder = self.place(index, "");
         let folder = folder.parent().unwrap_or(&self.directory);
         fs::create_dir_all(folder).map_err(|e| Error::io("create", folder, e))?;
+        for (ending, bytes) in &beside {
+            let sha256 = hex(&Sha256::digest(bytes));
+            record["beside"][ending] =
+                json!({ "file": relative(index, ending), "sha256": sha256 });
+            put_once(&self.place(index, ending), bytes)?;
+        }
+        if let Some((tar, _)) = self.tar(index) {
+            let tar = tar.strip_prefix(&self.directory).unwrap_or(&tar).to_string_lossy();
+            record["tar"] = json!(tar);
+        }
         put_once(&self.place(index, "json"), format!("{record}\n").as_bytes())?;
-        put_once(&self.place(index, &self.extension), bytes)
+        put_once(&self.place(index, &self.extension), &frame)
+    }
+
+    /// Makes the tar files of which some of these pictures are a part and all are there, and
+    /// removes the files that are in them.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub fn pack(&self, pictures: Range<u64>) -> Result<()> {
+        let mut next = pictures.start;
+        while next < pictures.end {
+            let Some((tar, inside)) = self.tar(next) else { break };
+            next = inside.end;
+            if !tar.exists() {
+                if !inside.clone().all(|index| self.place(index, &self.extension).exists()) {
+                    continue;
+                }
+                let folder = self.directory.join("tars");
+                fs::create_dir_all(&folder).map_err(|e| Error::io("create", &folder, e))?;
+                let files: Vec<PathBuf> =
+                    inside.clone().flat_map(|index| self.files(index)).collect();
+                // Another process may have made it meanwhile, and removed what is in it.
+                match tars::write(&tar, &files) {
+                    Err(_) if tar.exists() => {}
+                    outcome => outcome?,
+                }
+            }
+            // The record stays: the manifest is made of it.
+            let kept = |path: &PathBuf, index| *path == self.place(index, "json");
+            for index in inside {
+                for path in self.files(index).filter(|path| !kept(path, index)) {
+                    match fs::remove_file(&path) {
+                        Err(e) if e.kind() != ErrorKind::NotFound => {
+                            return Err(Error::io("remove", &path, e));
+                        }
+                        _ => {}
+                    }
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Writes the manifest if every picture is there. Returns how many are.
@@ -120,6 +200,7 @@ impl Dataset {
     /// # Errors
     /// What the operating system refuses.
     pub fn complete(&self) -> Result<u64> {
+        self.pack(0..self.pictures)?;
         let done = self.done();
         if done == self.pictures {
             let mut manifest = Vec::new();
@@ -190,6 +271,8 @@ fn description(sweep: &Sweep) -> Result<Value> {
         "camrig": env!("CARGO_PKG_VERSION"),
         "pictures": sweep.pictures(),
         "inputs": inputs,
+        "one_again": "camrig batch SWEEP --only INDEX -o DIR, SWEEP a file with the text \"sweep\" \
+                      where its inputs are",
         "sweep": sweep.text,
     }))
 }

@@ -24,18 +24,23 @@
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
 pub mod dataset;
+pub mod draws;
 pub mod figures;
+mod labels;
 pub mod sweep;
+mod tars;
 
 pub use dataset::Dataset;
+use dataset::Sample;
 pub use sweep::{Picture, Sweep};
 
-use camrig_base::{Error, Result};
+use camrig_base::{Error, Result, npy};
 use camrig_camera::Camera;
 use camrig_formats::{Facts, Format, Frames};
 use camrig_light::LightLevel;
 use camrig_measure::dark_stack;
 use camrig_optics::{Device, Options};
+use camrig_render::places::Places;
 use camrig_render::{self as render, OpticsOutput, OpticsPath, OpticsStage, SimulatedSensor};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -43,6 +48,7 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
+use sweep::{Clean, CleanUnit, Named};
 
 /// One of `count` equal parts of a sweep, counted from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,16 +91,16 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// Makes the pictures of a part that are not there yet, the optics on `device`. Results of the
+/// Makes those of some pictures that are not there yet, the optics on `device`. Results of the
 /// optics stage are kept in the folder `cache`, where one is given; `progress` is called once for
-/// each picture of the part, `tell` with each note for the user, once.
+/// each of these pictures, `tell` with each note for the user, once.
 ///
 /// # Errors
 /// What rendering or the disk refuses; pictures made so far stay.
 pub fn run(
     sweep: &Sweep,
     dataset: &Dataset,
-    shard: Shard,
+    pictures: Range<u64>,
     device: Device,
     cache: Option<PathBuf>,
     progress: impl Fn() + Sync,
@@ -102,14 +108,12 @@ pub fn run(
 ) -> Result<()> {
     let mut told = BTreeSet::new();
     let mut darks = Darks::default();
-    let pictures: Vec<Picture<'_>> =
-        shard.pictures(sweep.pictures()).map(|i| sweep.picture(i)).collect();
+    let pictures: Vec<Picture<'_>> = pictures.map(|i| sweep.picture(i)).collect();
     for group in pictures.chunk_by(|a, b| a.same_view(b)) {
         let missing: Vec<&Picture<'_>> = group.iter().filter(|p| !dataset.has(p.index)).collect();
         (missing.len()..group.len()).for_each(|_| progress());
         let Some(first) = missing.first() else { continue };
-        let variant = &sweep.variants[first.variant];
-        let camera = Camera::load_with(&variant.spec, &variant.changes)?;
+        let camera = Camera::load_with(&first.camera.spec, &first.camera.changes)?;
         let camera = render::with_filter_angles(camera)?;
         let optics_stage = OpticsStage {
             scene: first.scene.spec.clone(),
@@ -127,18 +131,33 @@ pub fn run(
             }
         }
         darks.take(sweep, &camera, &view, &missing)?;
+        let labels = labels_of(first.scene, &camera)?;
         missing.par_iter().try_for_each(|picture| {
-            take(sweep, dataset, &camera, &view, picture, &darks)
+            let mut sample = take(sweep, &camera, &view, picture, &darks)
                 .map_err(|e| e.at(format!("picture {}", picture.index)))?;
+            sample.beside.extend(labels.iter().cloned());
+            dataset.put(picture.index, sample)?;
             progress();
             Ok::<(), Error>(())
         })?;
+        dataset.pack(first.index..group[group.len() - 1].index + 1)?;
     }
     Ok(())
 }
 
-/// What dark frames of a picture depend on: camera, sensor seed, exposure and gain.
-type DarkKey = (usize, Option<u64>, u64, Option<u64>);
+/// The labels of a scene as a camera sees them.
+fn labels_of(scene: &Named, camera: &Camera) -> Result<Vec<(&'static str, Vec<u8>)>> {
+    if scene.labels.is_empty() {
+        return Ok(Vec::new());
+    }
+    let size = camrig_scene_files::open_file(&scene.spec)?.size();
+    let places = Places::new(camera, size)?;
+    let frame = (camera.sensor.width as usize, camera.sensor.height as usize);
+    labels::carried(&scene.labels, &places, size, frame)
+}
+
+/// What dark frames of a picture depend on, in words: camera, sensor seed, exposure and gain.
+type DarkKey = String;
 
 /// Dynamic ranges of channels, dB, by what they depend on: scenes and light levels share them.
 #[derive(Default)]
@@ -146,8 +165,8 @@ struct Darks(BTreeMap<DarkKey, Vec<camrig_measure::Value>>);
 
 impl Darks {
     fn key(picture: &Picture<'_>) -> DarkKey {
-        let gain = picture.analog_gain.map(f64::to_bits);
-        (picture.variant, picture.sensor_seed, picture.exposure_s.to_bits(), gain)
+        let Picture { camera, sensor_seed, exposure_s, analog_gain, .. } = picture;
+        format!("{camera:?} {sensor_seed:?} {exposure_s:?} {analog_gain:?}")
     }
 
     /// Takes the dark frames of pictures that are not there yet.
@@ -207,12 +226,11 @@ fn of_picture(camera: &Camera, picture: &Picture<'_>) -> Camera {
 
 fn take(
     sweep: &Sweep,
-    dataset: &Dataset,
     camera: &Camera,
     view: &OpticsOutput,
     picture: &Picture<'_>,
     darks: &Darks,
-) -> Result<()> {
+) -> Result<Sample> {
     let camera = of_picture(camera, picture);
     let mut header = match picture.lux {
         Some(lux) => view.header_at(lux)?,
@@ -240,19 +258,31 @@ fn take(
     let facts = Facts { dng: Some(info), ..Facts::of(&frame) };
     let format = Format::parse(&sweep.files)?;
     let bytes = format.encode(&Frames { facts, ..Frames::from_raw(&frame) })?;
-    let parameters = parameters(sweep, &camera, &header, picture, settings.analog_gain);
-    dataset.put(picture.index, &bytes, parameters, figures)
+    let mut beside = Vec::new();
+    if let Some(Clean { unit }) = sweep.clean {
+        let mut clean = sensor.electrons(&view.cube, &settings)?;
+        if unit == CleanUnit::Dn {
+            let dn_per_e = sensor.config.dn_per_e(settings.analog_gain);
+            let black_dn = frame.black_level_dn as f32;
+            clean.data.iter_mut().for_each(|v| *v = black_dn + dn_per_e * *v);
+        }
+        let mut file = Vec::new();
+        npy::write(&mut file, &format!("({}, {})", clean.height, clean.width), &clean.data)
+            .map_err(|e| Error::input(e.to_string()))?;
+        beside.push(("clean.npy", file));
+    }
+    let parameters = parameters(&camera, &header, picture, settings.analog_gain);
+    Ok(Sample { frame: bytes, beside, parameters, figures })
 }
 
 /// The values of a picture by which it differs from the others of its sweep.
 fn parameters(
-    sweep: &Sweep,
     camera: &Camera,
     header: &render::CubeHeader,
     picture: &Picture<'_>,
     analog_gain: f32,
 ) -> Value {
-    let variant = &sweep.variants[picture.variant];
+    let variant = &picture.camera;
     let changes: Map<String, Value> =
         variant.changes.iter().map(|c| (c.key.clone(), json!(c.value))).collect();
     json!({

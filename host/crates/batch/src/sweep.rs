@@ -25,13 +25,32 @@
 //! [choice]                    # which setting the page of the figures calls the optimum
 //! best = "snr_10_lux"         # of the figures, snr_10_lux and mtf50_cycles_per_mm
 //! need = { mtf50_cycles_per_mm = 150 }
+//!
+//! [random]                    # other keys of the grid, or of the camera file, by chance
+//! count = 200                 # draws for each combination of the grid
+//! seed = 1
+//! [random.keys]
+//! scene = { choice = ["photos/*.jpg", "more/"] }
+//! lux = { log-range = [10, 1000] }
+//! "sensor.noise.read_e" = { range = [2, 4] }
+//!
+//! [clean]                     # the expected signal beside each frame: NAME.clean.npy
+//! unit = "dn"                 # or "e"
+//!
+//! [labels]                    # labels carried through the lens: NAME.labels.json, NAME.mask.png
+//! folder = "labels"           # of scene STEM.jpg: STEM.json (LabelMe), STEM.png (a mask)
 //! ```
 //!
 //! Every combination is taken. Their order, slowest first: camera, camera keys (by name), scene,
-//! illuminant, lux, exposure, gain, sensor seed, frame. Picture i of the grid has frame number
-//! `frame_seed + i`, so no two share temporal noise.
+//! illuminant, lux, exposure, gain, sensor seed, draw, frame. Picture i of the grid has frame
+//! number `frame_seed + i`, so no two share temporal noise.
+//!
+//! A scene with `*`, `?` or `[` that is no file stands for all files of that pattern, a folder with
+//! `/` at its end for all files in it, in order of their names.
 
+use super::draws::{Draw, Random};
 use super::figures::{self, Wanted};
+use super::labels;
 use camrig_base::alternatives::{Alternatives, Numbers};
 use camrig_base::{Error, Result, mistakes, toml_text};
 use camrig_camera::{Camera, Change, Value, is_preset};
@@ -54,7 +73,7 @@ const MAX_PICTURES: u64 = u32::MAX as u64;
 const FILES: [&str; 5] = ["dng", "tiff", "npy", "pgm", "fits"];
 
 /// A grid of pictures. Every combination of the grid's values is taken; their order, slowest
-/// first: camera, camera keys (by name), scene, illuminant, lux, exposure, gain, sensor seed,
+/// first: camera, camera keys (by name), scene, illuminant, lux, exposure, gain, sensor seed, draw,
 /// frame. Picture i of the grid has frame number `frame_seed + i`, so no two share temporal noise.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -70,6 +89,9 @@ struct File {
     /// Kind of file: `dng`, `tiff`, `npy`, `pgm` or `fits`.
     #[serde(default = "dng")]
     files: String,
+    /// Pictures in each tar file, as WebDataset reads them; left out: files alone.
+    #[schemars(range(min = 1))]
+    pictures_per_tar: Option<u32>,
     /// Arithmetic of the sensor: `f32`, or `fixed` as on parts without a floating-point unit.
     #[serde(default)]
     #[schemars(with = "Option<String>")]
@@ -85,8 +107,46 @@ struct File {
     figures: Option<BTreeMap<String, bool>>,
     /// Which setting the page of figures calls the optimum.
     choice: Option<Choice>,
-    /// The grid.
+    /// The expected signal, before noise and any other effect of the sensor, beside each frame:
+    /// `NAME.clean.npy`, 32-bit floating point, neither rounded nor clipped.
+    clean: Option<Clean>,
+    /// Labels of the scenes' pictures, carried through the lens: `NAME.labels.json`,
+    /// `NAME.mask.png`.
+    labels: Option<LabelsFile>,
+    /// Keys that take values at random.
+    #[serde(default)]
+    random: Random,
+    /// The grid. `scene` and `exposure_s` have to be here or at random.
     grid: GridFile,
+}
+
+/// The expected signal.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Clean {
+    /// `dn`, the black level included, or `e`, photo-electrons.
+    #[serde(default)]
+    pub unit: CleanUnit,
+}
+
+/// Unit of the expected signal.
+#[derive(Clone, Copy, Debug, Default, Deserialize, JsonSchema, PartialEq)]
+#[serde(rename_all = "lowercase")]
+pub enum CleanUnit {
+    /// Digital numbers, the black level included.
+    #[default]
+    Dn,
+    /// Photo-electrons.
+    E,
+}
+
+/// Where labels are.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct LabelsFile {
+    /// Folder, relative to the sweep file, with the labels of the scene `STEM.jpg`: `STEM.json`,
+    /// shapes as LabelMe writes them, or `STEM.png`, a grey picture with a number for each class.
+    folder: PathBuf,
 }
 
 /// Axes of the grid.
@@ -99,14 +159,15 @@ struct GridFile {
     #[serde(default)]
     #[schemars(with = "BTreeMap<String, serde_json::Value>")]
     camera_keys: BTreeMap<String, CameraKey>,
-    /// Scenes as on the command line.
-    scene: Alternatives<String>,
+    /// Scenes as on the command line, patterns of files (`photos/*.jpg`) and folders of files
+    /// (`photos/`).
+    scene: Option<Alternatives<String>>,
     /// Lights on scenes of reflectance: names or files.
     illuminant: Option<Alternatives<String>>,
     /// Illuminance of the scene, lx.
     lux: Option<Numbers>,
     /// Exposure time, s.
-    exposure_s: Numbers,
+    exposure_s: Option<Numbers>,
     /// Gain before the converter; left out: the camera's own.
     analog_gain: Option<Numbers>,
     /// Other physical sensors of the same kind; left out: the camera's own.
@@ -155,6 +216,12 @@ pub struct Sweep {
     pub figures: Wanted,
     /// How a setting is chosen by its figures.
     pub choice: Option<Choice>,
+    /// Whether pictures have their expected signal beside them, and in what.
+    pub clean: Option<Clean>,
+    /// Pictures in each tar file, if they are to be in some.
+    pub pictures_per_tar: Option<u32>,
+    random: Random,
+    labels: Option<PathBuf>,
     frame_seed: u32,
     frames: u32,
     /// Cameras: what they are called, and what is changed in their files.
@@ -214,10 +281,12 @@ pub struct Named {
     pub name: String,
     /// As this process finds it.
     pub spec: String,
+    /// Files with the labels of a scene, where the sweep has labels.
+    pub labels: Vec<PathBuf>,
 }
 
 /// A camera of the grid.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     /// As the sweep file names it.
     pub name: String,
@@ -232,8 +301,8 @@ pub struct Variant {
 pub struct Picture<'a> {
     /// Its place in the grid.
     pub index: u64,
-    /// Which of [`Sweep::variants`].
-    pub variant: usize,
+    /// The camera.
+    pub camera: Variant,
     /// The scene.
     pub scene: &'a Named,
     /// The light on it.
@@ -264,7 +333,7 @@ impl Sweep {
     }
 
     fn parse(text: String, folder: &Path) -> Result<Self> {
-        let file: File = mistakes::read(&text)?;
+        let mut file: File = mistakes::read(&text)?;
         if file.format != "sweep/1" {
             return Err(Error::unsupported(format!("sweep format {:?}", file.format))
                 .help("this program reads format = \"sweep/1\""));
@@ -280,7 +349,11 @@ impl Sweep {
             return Err(Error::input("[choice] without [figures]")
                 .help("name the figures that decide it in [figures]"));
         }
+        file.random.check()?;
+        file.grid.with_drawn(&file.random)?;
         let grid = file.grid;
+        let labels = file.labels.map(|labels| folder.join(labels.folder));
+        let scenes = grid.scene.as_ref().ok_or_else(|| missing("scene"))?;
         let mut sweep = Self {
             files: file.files,
             arithmetic: file.arith,
@@ -289,12 +362,12 @@ impl Sweep {
             inputs: Vec::new(),
             figures: Wanted::new(file.figures.as_ref())?,
             choice: file.choice.map(Choice::checked).transpose()?,
+            clean: file.clean,
+            pictures_per_tar: file.pictures_per_tar,
             frame_seed: file.frame_seed,
             frames: file.frames,
             variants: variants(&grid, folder)?,
-            scenes: named(grid.scene.values().map_err(|e| e.at("scene"))?, |name| {
-                (!is_chart(name)).then_some(folder)
-            }),
+            scenes: found_scenes(&scenes.values().map_err(|e| e.at("scene"))?, folder)?,
             illuminants: match &grid.illuminant {
                 Some(names) => named(names.values().map_err(|e| e.at("illuminant"))?, |name| {
                     let ending = name.rsplit_once('.').map(|(_, ending)| ending.to_lowercase());
@@ -304,7 +377,10 @@ impl Sweep {
             },
             names_light: grid.illuminant.is_some(),
             lux: optional("lux", grid.lux.as_ref())?,
-            exposures_s: positive("exposure_s", &grid.exposure_s)?,
+            exposures_s: positive(
+                "exposure_s",
+                grid.exposure_s.as_ref().ok_or_else(|| missing("exposure_s"))?,
+            )?,
             gains: optional("analog_gain", grid.analog_gain.as_ref())?,
             sensor_seeds: match &grid.sensor_seed {
                 Some(seeds) => seeds
@@ -315,6 +391,8 @@ impl Sweep {
                     .collect(),
                 None => vec![None],
             },
+            random: file.random,
+            labels,
             text,
         };
         sweep.check()?;
@@ -324,9 +402,20 @@ impl Sweep {
     /// Opens everything once, finds the files behind it, and counts.
     fn check(&mut self) -> Result<()> {
         let mut wrong = Vec::new();
-        for variant in &self.variants {
+        let total = self.radices().iter().try_fold(1u64, |n, &r| n.checked_mul(r as u64));
+        if total.is_none_or(|n| n > MAX_PICTURES) {
+            return Err(Error::limit("a grid of too many pictures")
+                .help(format!("at most {MAX_PICTURES}; split it into several sweeps")));
+        }
+        let cameras = self.cameras()?;
+        for variant in &cameras {
             let camera = match Camera::load_with(&variant.spec, &variant.changes) {
                 Ok(camera) => camera,
+                // One of many draws shows what is wrong with the others.
+                Err(e) if cameras.len() > self.variants.len() => {
+                    wrong.push(e);
+                    break;
+                }
                 Err(e) => {
                     wrong.push(e);
                     continue;
@@ -338,7 +427,7 @@ impl Sweep {
                 self.inputs.extend(files_named(&camera.text, home));
             }
         }
-        for scene in &self.scenes {
+        for scene in &mut self.scenes {
             let opened = match camrig_scene_files::open(&scene.spec) {
                 Ok(opened) => opened,
                 Err(e) => {
@@ -357,6 +446,13 @@ impl Sweep {
             if !is_chart(&scene.name) {
                 self.inputs.extend(existing(&scene.spec));
             }
+            if let Some(folder) = &self.labels {
+                match labels::files(folder, path_of(&scene.spec)) {
+                    Ok(files) => scene.labels = files,
+                    Err(e) => wrong.push(e.at("[labels]")),
+                }
+                self.inputs.extend(scene.labels.iter().cloned());
+            }
         }
         for light in &self.illuminants {
             wrong.extend(Illuminant::parse(&light.spec).err().map(|e| e.at("illuminant")));
@@ -368,24 +464,37 @@ impl Sweep {
         }
         self.inputs.sort();
         self.inputs.dedup();
-        let total = self.radices().iter().try_fold(1u64, |n, &r| n.checked_mul(r as u64));
-        if total.is_none_or(|n| n > MAX_PICTURES) {
-            return Err(Error::limit("a grid of too many pictures")
-                .help(format!("at most {MAX_PICTURES}; split it into several sweeps")));
-        }
         Ok(())
     }
 
+    /// Every camera of the sweep: those of the grid, or one for each draw.
+    fn cameras(&self) -> Result<Vec<Variant>> {
+        if !self.random.draws().any(|(key, _)| is_camera_key(key)) {
+            return Ok(self.variants.clone());
+        }
+        let places = self.pictures() / u64::from(self.frames);
+        if places > MAX_CAMERAS as u64 {
+            return Err(too_many_cameras());
+        }
+        let first = |place| self.picture(place * u64::from(self.frames)).camera;
+        Ok((0..places).map(first).collect())
+    }
+
     /// Sides of the grid, slowest first.
-    fn radices(&self) -> [usize; 8] {
+    fn radices(&self) -> [usize; 9] {
+        let side = |key: &str, values: usize| match self.random.get(key) {
+            Some(_) => 1,
+            None => values,
+        };
         [
             self.variants.len(),
-            self.scenes.len(),
-            self.illuminants.len(),
-            self.lux.len(),
-            self.exposures_s.len(),
-            self.gains.len(),
-            self.sensor_seeds.len(),
+            side("scene", self.scenes.len()),
+            side("illuminant", self.illuminants.len()),
+            side("lux", self.lux.len()),
+            side("exposure_s", self.exposures_s.len()),
+            side("analog_gain", self.gains.len()),
+            side("sensor_seed", self.sensor_seeds.len()),
+            self.random.count(),
             self.frames as usize,
         ]
     }
@@ -397,22 +506,34 @@ impl Sweep {
 
     /// Picture `index` of the grid.
     pub fn picture(&self, index: u64) -> Picture<'_> {
-        let mut at = [0; 8];
+        let mut at = [0; 9];
         let mut rest = index;
         for (digit, &radix) in at.iter_mut().zip(&self.radices()).rev() {
             *digit = (rest % radix as u64) as usize;
             rest /= radix as u64;
         }
-        let [variant, scene, light, lux, exposure, gain, seed, burst] = at;
+        let [variant, scene, light, lux, exposure, gain, seed, _, burst] = at;
+        // Frames of one burst share their draws.
+        let place = index / u64::from(self.frames);
+        let drawn = |key: &str| self.random.value(key, place);
+        let number = |key: &str| drawn(key).as_ref().and_then(Value::as_f64);
+        let one_of = |key: &str, grid: usize, count: usize| match self.random.get(key) {
+            Some(_) => self.random.one_of(key, place, count),
+            None => grid,
+        };
+        let mut camera = self.variants[variant].clone();
+        for (key, _) in self.random.draws().filter(|(key, _)| is_camera_key(key)) {
+            camera.changes.extend(drawn(key).map(|value| Change::new(key, value)));
+        }
         Picture {
             index,
-            variant,
-            scene: &self.scenes[scene],
-            illuminant: &self.illuminants[light],
-            lux: self.lux[lux],
-            exposure_s: self.exposures_s[exposure],
-            analog_gain: self.gains[gain],
-            sensor_seed: self.sensor_seeds[seed],
+            camera,
+            scene: &self.scenes[one_of("scene", scene, self.scenes.len())],
+            illuminant: &self.illuminants[one_of("illuminant", light, self.illuminants.len())],
+            lux: number("lux").or(self.lux[lux]),
+            exposure_s: number("exposure_s").unwrap_or(self.exposures_s[exposure]),
+            analog_gain: number("analog_gain").or(self.gains[gain]),
+            sensor_seed: self.sensor_seeds[one_of("sensor_seed", seed, self.sensor_seeds.len())],
             burst: burst as u32,
             frame: self.frame_seed.wrapping_add(index as u32),
         }
@@ -427,8 +548,8 @@ impl Sweep {
 impl Picture<'_> {
     /// Whether two pictures share the optics stage.
     pub fn same_view(&self, other: &Self) -> bool {
-        (self.variant, self.scene, self.illuminant)
-            == (other.variant, other.scene, other.illuminant)
+        (&self.camera, self.scene, self.illuminant)
+            == (&other.camera, other.scene, other.illuminant)
     }
 }
 
@@ -454,9 +575,7 @@ fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
         }
         .map_err(|e| e.at(format!("camera key {key:?}")))?;
         if variants.len().saturating_mul(values.len()) > MAX_CAMERAS {
-            return Err(
-                Error::limit(format!("more than {MAX_CAMERAS} cameras")).help("split the sweep")
-            );
+            return Err(too_many_cameras());
         }
         let with = |variant: &Variant, value: &Value| {
             let mut variant = variant.clone();
@@ -469,6 +588,56 @@ fn variants(grid: &GridFile, folder: &Path) -> Result<Vec<Variant>> {
             .collect();
     }
     Ok(variants)
+}
+
+fn missing(key: &str) -> Error {
+    Error::input(format!("no {key}")).at("[grid]").help("give it there or in [random.keys]")
+}
+
+fn too_many_cameras() -> Error {
+    Error::limit(format!("more than {MAX_CAMERAS} cameras")).help("split the sweep")
+}
+
+/// Keys of the grid that may be drawn instead. All others that are drawn are of the camera file.
+const DRAWN: [&str; 6] =
+    ["scene", "illuminant", "lux", "exposure_s", "analog_gain", "sensor_seed"];
+
+fn is_camera_key(key: &str) -> bool {
+    !DRAWN.contains(&key)
+}
+
+impl GridFile {
+    /// The grid with what is drawn in it: all values of a choice, or the ends of a range, which are
+    /// checked like those that are listed.
+    fn with_drawn(&mut self, random: &Random) -> Result<()> {
+        let as_text = |value: &Value| value.as_str().map(str::to_owned);
+        let as_whole = |value: &Value| value.to_string().parse::<u64>().ok();
+        for (key, draw) in random.draws() {
+            let at = |e: Error| e.at(format!("random key {key:?}"));
+            let twice = match &key[..] {
+                "scene" => fill(&mut self.scene, || listed(draw, "texts", as_text)).map_err(at)?,
+                "illuminant" => {
+                    fill(&mut self.illuminant, || listed(draw, "texts", as_text)).map_err(at)?
+                }
+                "lux" => fill(&mut self.lux, || numbers(draw)).map_err(at)?,
+                "exposure_s" => fill(&mut self.exposure_s, || numbers(draw)).map_err(at)?,
+                "analog_gain" => fill(&mut self.analog_gain, || numbers(draw)).map_err(at)?,
+                "sensor_seed" => {
+                    fill(&mut self.sensor_seed, || listed(draw, "whole numbers", as_whole))
+                        .map_err(at)?
+                }
+                "camera" => {
+                    return Err(at(Error::unsupported("a camera at random"))
+                        .help("list cameras in [grid], and draw keys of their files"));
+                }
+                key => self.camera_keys.contains_key(key),
+            };
+            if twice {
+                return Err(at(Error::input("it is in the grid, too")).help("give it once"));
+            }
+        }
+        Ok(())
+    }
 }
 
 fn positive(key: &str, numbers: &Numbers) -> Result<Vec<f64>> {
@@ -486,11 +655,70 @@ fn optional(key: &str, numbers: Option<&Numbers>) -> Result<Vec<Option<f64>>> {
     }
 }
 
+/// Fills a place that is empty; whether it was not.
+fn fill<T>(place: &mut Option<T>, value: impl FnOnce() -> Result<T>) -> Result<bool> {
+    Ok(place.replace(value()?).is_some())
+}
+
+fn listed<T>(
+    draw: &Draw,
+    what: &str,
+    read: impl Fn(&Value) -> Option<T>,
+) -> Result<Alternatives<T>> {
+    let Draw::Choice(values) = draw else {
+        return Err(Error::input("a range").help(format!("use {{ choice = [{what}, ...] }}")));
+    };
+    let read = |value| {
+        read(value).ok_or_else(|| Error::input(value.to_string()).help(format!("use {what}")))
+    };
+    Ok(Alternatives::List(values.iter().map(read).collect::<Result<_>>()?))
+}
+
+fn numbers(draw: &Draw) -> Result<Numbers> {
+    match draw {
+        Draw::Range(ends) | Draw::LogRange(ends) => Ok(Numbers::List(ends.to_vec())),
+        draw => Ok(Numbers::List(listed(draw, "numbers", Value::as_f64)?.as_slice().to_vec())),
+    }
+}
+
+/// Scenes as a sweep file names them: patterns and folders stand for the files they have.
+fn found_scenes(names: &[String], folder: &Path) -> Result<Vec<Named>> {
+    let mut all = Vec::new();
+    for name in names {
+        let (files, options) = match name.rsplit_once(':') {
+            Some((files, options)) if options.contains('=') => (files, format!(":{options}")),
+            _ => (&name[..], String::new()),
+        };
+        let is_pattern = files.contains(['*', '?', '[']) && !folder.join(files).exists();
+        if is_chart(name) || !(is_pattern || files.ends_with('/')) {
+            all.push(name.clone());
+            continue;
+        }
+        let wrong = |why: String| Error::input(why).at(format!("scene {name:?}"));
+        let inside = glob::Pattern::escape(&folder.to_string_lossy());
+        let pattern = Path::new(&inside).join(files).join(if is_pattern { "" } else { "*" });
+        let pattern = pattern.to_string_lossy();
+        let found = glob::glob(pattern.trim_end_matches('/')).map_err(|e| wrong(e.to_string()))?;
+        let before = all.len();
+        for path in found {
+            let path = path.map_err(|e| wrong(e.to_string()))?;
+            let name = path.strip_prefix(folder).unwrap_or(&path).to_string_lossy();
+            if path.is_file() {
+                all.push(format!("{name}{options}"));
+            }
+        }
+        if all.len() == before {
+            return Err(wrong("no files".into()).help("patterns are relative to the sweep file"));
+        }
+    }
+    Ok(named(all, |name| (!is_chart(name)).then_some(folder)))
+}
+
 /// Names with where they are found: in a folder, or by themselves.
 fn named<'a>(names: Vec<String>, folder: impl Fn(&str) -> Option<&'a Path>) -> Vec<Named> {
     let found = |name: String| {
         let in_folder = folder(&name).map(|f| f.join(&name).to_string_lossy().into_owned());
-        Named { spec: in_folder.unwrap_or_else(|| name.clone()), name }
+        Named { spec: in_folder.unwrap_or_else(|| name.clone()), name, labels: Vec::new() }
     };
     names.into_iter().map(found).collect()
 }
@@ -499,12 +727,17 @@ fn is_chart(scene: &str) -> bool {
     chart::NAMES.contains(&scene.split(':').next().unwrap_or(scene))
 }
 
-/// The file or directory of a scene, if it is one, with its sidecars.
-fn existing(scene: &str) -> Vec<PathBuf> {
-    let path = match scene.rsplit_once(':') {
+/// The file or directory of a scene without its options.
+fn path_of(scene: &str) -> &Path {
+    match scene.rsplit_once(':') {
         Some((path, _)) if !Path::new(scene).exists() => Path::new(path),
         _ => Path::new(scene),
-    };
+    }
+}
+
+/// The file or directory of a scene, if it is one, with its sidecars.
+fn existing(scene: &str) -> Vec<PathBuf> {
+    let path = path_of(scene);
     let beside = ["toml", "img", "dat", "raw", ""].map(|e| path.with_extension(e));
     let all = std::iter::once(path.to_path_buf()).chain(beside);
     all.filter(|p| p.exists()).collect()
@@ -547,11 +780,13 @@ mod tests {
         let all: Vec<_> = (0..16).map(|i| sweep.picture(i)).collect();
         for (i, a) in all.iter().enumerate() {
             assert_eq!((a.index, a.frame), (i as u64, i as u32));
-            let key = |p: &Picture<'_>| (p.variant, p.scene.name.clone(), p.lux, p.burst);
+            let key =
+                |p: &Picture<'_>| (p.camera.changes.clone(), p.scene.name.clone(), p.lux, p.burst);
             assert!(all[..i].iter().all(|b| key(b) != key(a)));
         }
         assert_eq!((all[1].burst, all[2].lux, &*all[4].scene.name), (1, Some(100.0), "ramp"));
-        assert_eq!((all[7].variant, all[8].variant), (0, 1));
+        let read_e = |i: usize| all[i].camera.changes[0].value.as_f64();
+        assert_eq!((read_e(7), read_e(8)), (Some(3.0), Some(5.0)));
         assert!(all[3].same_view(&all[0]) && !all[4].same_view(&all[3]));
     }
 

@@ -49,6 +49,7 @@ mod metadata;
 mod motion_stage;
 mod optical_effects;
 mod optics_stage;
+pub mod places;
 mod reach;
 pub mod readout;
 mod run_optics;
