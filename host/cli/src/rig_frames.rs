@@ -1,6 +1,7 @@
 //! Frames of a rig in the light of a scene or of irradiance files, one after another.
 
 use super::scene_lights::{NextLight, SceneLights};
+use crate::stop::Stoppable;
 use camrig_base::Result;
 use camrig_base::output::LiveOutput;
 use camrig_exposure::IrradianceCube;
@@ -8,6 +9,7 @@ use camrig_render::SimulatedSensor;
 use camrig_rig::{Faults, FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
 use serde_json::json;
 use std::path::PathBuf;
+use std::time::Instant;
 
 /// Memory for rows encoded for the link, bytes: if all cubes fit, their rows are encoded once for
 /// all frames. A trade-off: any workstation can spare a gibibyte.
@@ -52,6 +54,9 @@ impl Injection {
     fn apply(&mut self, frame: u32, taken: &mut RigFrame, sensor: &SimulatedSensor) -> Result<()> {
         let shape = (sensor.config.width as usize, sensor.config.bits.into());
         let faults = self.faults.apply(frame, taken, shape)?;
+        if !taken.dropped {
+            Stoppable::new().sleep_until(Instant::now() + self.faults.delay(frame));
+        }
         let Some(log) = &mut self.log else { return Ok(()) };
         log.push(
             format!("{}\n", json!({ "frame": frame, "dropped": taken.dropped, "faults": faults }))

@@ -2,8 +2,8 @@
 //! out; orders of frames out, frames in. Times are since the device was switched on.
 //!
 //! **Control.** Who writes the control register holds the device until it writes 0 there, or is
-//! silent for longer than the heartbeat. Others may read; what they write is refused. Any command
-//! of the holder is a sign of life. With control the acquisition ends.
+//! silent for longer than the heartbeat. What others write is refused; they may read, unless the
+//! holder wrote exclusive control. Any command of the holder is a sign of life. With control the acquisition ends.
 
 use crate::acquisition::{Acquisition, Start};
 use crate::camera::{Order, Region, STUCK_COUNTER, Sensor, Taken, Timing};
@@ -25,6 +25,9 @@ use std::time::Duration;
 const TICKS_PER_S: u32 = 1_000_000_000;
 /// Bits of the control register: control, and control that excludes others.
 const CONTROL_BITS: u32 = 3;
+const EXCLUSIVE: u32 = 1;
+/// The user's name of the device.
+const USER_NAME: std::ops::Range<u32> = bootstrap::USER_NAME..bootstrap::USER_NAME + 16;
 /// Bits of the packet size register: fire a test packet, do not fragment, big endian.
 const FIRE_TEST: u32 = 1 << 31;
 const SIZE_FLAGS: u32 = 0x6000_0000;
@@ -119,7 +122,12 @@ impl Device {
         if let Some(controller) = self.controller.as_mut().filter(|c| c.address == from) {
             controller.heard = now;
         }
+        let is_exclusive = self.memory.word(bootstrap::CONTROL) & EXCLUSIVE != 0;
+        let is_other = self.controller.is_some_and(|c| c.address != from);
         let outcome = match request.command {
+            Command::ReadRegisters(_) | Command::ReadMemory { .. } if is_exclusive && is_other => {
+                Err(Status::AccessDenied)
+            }
             Command::Discovery => self.memory.read(0, DISCOVERY_BYTES).map(<[u8]>::to_vec),
             Command::ReadRegisters(addresses) => self.read_registers(addresses),
             Command::ReadMemory { address, count } => self.read_memory(address, count),
@@ -319,18 +327,19 @@ impl Device {
             if others || (self.controller.is_none() && address != bootstrap::CONTROL) {
                 return Err(Status::AccessDenied);
             }
+            let names = USER_NAME.contains(&address);
             let length = match address {
-                bootstrap::USER_NAME => 16,
+                _ if names => data.len().min((USER_NAME.end - address) as usize),
                 feature::EXPOSURE_US..=feature::PACKET_LOSS => 8,
                 _ => 4,
             };
             let (value, rest) = data.split_at_checked(length).ok_or(Status::InvalidParameter)?;
-            if let Ok(word) = value.try_into() {
+            if names {
+                self.memory.put(address, value);
+            } else if let Ok(word) = value.try_into() {
                 self.write_word(now, from, address, u32::from_be_bytes(word))?;
             } else if let Ok(float) = value.try_into() {
                 self.write_float(address, f64::from_be_bytes(float))?;
-            } else {
-                self.memory.put(address, value);
             }
             self.refresh();
             (address, data) = (address + length as u32, rest);

@@ -203,7 +203,14 @@ impl Feature<'_> {
             }
         };
         let _ = writeln!(out, "{node}");
-        write_register(out, &format!("{name}Register"), *address, self.writable, &register);
+        let access = match (&self.kind, self.writable) {
+            // What cannot be read back is done when it is written; a register that shares its bits
+            // with others must be.
+            (Kind::Command { bit: None, .. }, _) => "WO",
+            (_, true) => "RW",
+            (_, false) => "RO",
+        };
+        write_register(out, &format!("{name}Register"), *address, access, &register);
     }
 }
 
@@ -212,10 +219,9 @@ fn write_register(
     out: &mut String,
     name: &str,
     address: u32,
-    writable: bool,
+    access: &str,
     (kind, length, sign, bits): &(&str, u32, &str, String),
 ) {
-    let access = if writable { "RW" } else { "RO" };
     let _ = writeln!(
         out,
         "<{kind} Name=\"{name}\"><Address>0x{address:X}</Address><Length>{length}</Length>\

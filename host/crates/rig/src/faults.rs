@@ -131,6 +131,13 @@ impl Faults {
         entries.any(|entry| entry.what == What::StuckRegisters && entry.when.has(frame))
     }
 
+    /// How much later a frame is delivered; who delivers it waits.
+    pub fn delay(&self, frame: u32) -> Duration {
+        let late = self.entries.iter().filter(|entry| entry.when.has(frame));
+        late.map(|entry| if let What::Late(delay) = entry.what { delay } else { Duration::ZERO })
+            .fold(Duration::ZERO, Duration::saturating_add)
+    }
+
     /// Does to a frame of so many columns and bits what the schedule says, and returns it in words.
     ///
     /// # Errors
@@ -183,9 +190,10 @@ fn act(
     }
     let highest = ((1u32 << rows.bits) - 1) as u16; // of 16 bits at most
     match what {
+        // Who delivers the frame waits.
+        What::Late(_) => {}
         What::Freeze | What::Repeat | What::StuckCounter | What::StuckRegisters => {}
         What::Drop => (taken.dropped, taken.packed) = (true, Vec::new()),
-        What::Late(delay) => std::thread::sleep(*delay),
         What::Filled { high } => {
             let code = if *high { highest } else { 0 };
             rows.change(taken, 0..=u32::MAX, |_, row| row.fill(code))?;
@@ -337,7 +345,7 @@ mod tests {
     fn every_fault_does_to_its_frames_what_it_says() {
         let text = "# a table\n0: freeze\nframe 2: drop\n4-5: freeze; 6: repeat\n7: black\n\
                     8: white\n9: row 1 corrupt; 9: rows 2-3 lost\n\
-                    every 10 from 20: stuck counter\n40: late 1 ms\n\
+                    every 10 from 20: stuck counter\n40: late 1 ms; 40-41: late 70 ms\n\
                     41: stuck registers";
         let mut faults = Faults::parse(text, 4).unwrap();
         assert!(!faults.has_stuck_registers(40) && faults.has_stuck_registers(41));
@@ -359,8 +367,10 @@ mod tests {
         assert_eq!(at(20), whole(20, 19, "stuck counter"));
         assert_eq!(at(21), whole(21, 21, ""));
         assert_eq!(at(30), whole(30, 21, "stuck counter"));
-        assert_eq!(at(40), whole(40, 21, "stuck counter, late 1 ms"));
-        assert_eq!(at(41), whole(41, 41, "stuck registers"));
+        assert_eq!(at(40), whole(40, 21, "stuck counter, late 1 ms, late 70 ms"));
+        assert_eq!(at(41), whole(41, 41, "late 70 ms, stuck registers"));
+        let delays = [39, 40, 41].map(|frame| faults.delay(frame).as_millis());
+        assert_eq!(delays, [0, 71, 70]);
     }
 
     /// 4 rows of 80 bits at a rate of 0.1 are 32 bits; some bit may be inverted twice.

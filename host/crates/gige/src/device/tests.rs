@@ -257,3 +257,43 @@ fn faults_and_packet_sizes_act_as_written_by_either_command() {
     assert_eq!(write(&mut device, HOST, 0, 100), Status::WriteProtect as u16);
     assert_eq!(write(&mut device, HOST, 0xF000_0000, 1), Status::InvalidAddress as u16);
 }
+
+#[test]
+fn exclusive_control_keeps_others_from_reading_but_not_from_finding_the_device() {
+    let mut d = device();
+    let denied = Status::AccessDenied as u16;
+    let read = |d: &mut Device, from| {
+        ask(d, ms(0), from, code::READ_REGISTERS, &bootstrap::CONTROL.to_be_bytes()).0
+    };
+    for (control, expected) in [(2, 0), (1, denied), (3, denied), (0, 0)] {
+        assert_eq!(write(&mut d, HOST, bootstrap::CONTROL, control), 0);
+        assert_eq!((read(&mut d, HOST), read(&mut d, OTHER)), (0, expected), "{control}");
+        assert_eq!(ask(&mut d, ms(0), OTHER, code::DISCOVERY, &[]).1.len(), DISCOVERY_BYTES);
+    }
+}
+
+#[test]
+fn a_user_name_is_written_whole_or_in_parts() {
+    let mut d = device();
+    write(&mut d, HOST, bootstrap::CONTROL, 2);
+    let name = bootstrap::USER_NAME;
+    let mut put = |at: u32, text: &[u8]| {
+        ask(&mut d, ms(0), HOST, code::WRITE_MEMORY, &[&at.to_be_bytes(), text].concat()).0
+    };
+    assert_eq!(put(name, b"left eye of rig\0"), 0);
+    assert_eq!((put(name, b"nose"), put(name + 8, b" is ours")), (0, 0));
+    assert_eq!(put(name + 8, b"is too long for it"), Status::BadAlignment as u16);
+    assert_eq!(put(name + 8, b"beyond the end  "), Status::WriteProtect as u16);
+    assert_eq!(d.memory.read(name, 16), Ok(&b"nose eyebeyond t"[..]));
+}
+
+/// GenApi asks a register that can be read whether a command is done.
+#[test]
+fn commands_cannot_be_read_back() {
+    let xml = features::xml(&device().sensor, &device().formats);
+    for command in ["AcquisitionStart", "AcquisitionStop", "TriggerSoftware"] {
+        let register = xml.split_once(&format!("Name=\"{command}Register\"")).unwrap().1;
+        let access = register.split_once("<AccessMode>").unwrap().1;
+        assert!(access.starts_with("WO"), "{command}");
+    }
+}
