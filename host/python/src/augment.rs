@@ -27,6 +27,13 @@ pub fn expose_electrons<'py>(
             .help("give a seed for each frame"))
         .or_raise();
     }
+    if camera.sensor.hdr.is_some() {
+        return Err(Error::unsupported("electrons of a sensor of several captures").help(
+            "each capture has electrons of its own: give the camera file of one of them, without \
+             [sensor.hdr]",
+        ))
+        .or_raise();
+    }
     let means = electrons.as_slice()?;
     let frames = py.detach(|| -> camrig::Result<Vec<u16>> {
         let mut header =

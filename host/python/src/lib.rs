@@ -4,6 +4,7 @@
 
 mod arrays;
 mod augment;
+mod batch;
 mod camera;
 mod captures;
 mod diagnosis;
@@ -20,6 +21,8 @@ use pyo3::prelude::*;
 mod _camrig {
     #[pymodule_export]
     use super::augment::expose_electrons;
+    #[pymodule_export]
+    use super::batch::Batch;
     #[pymodule_export]
     use super::camera::{Camera, effects, presets};
     #[pymodule_export]

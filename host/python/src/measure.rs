@@ -3,9 +3,9 @@
 use crate::arrays::Stack;
 use crate::captures::Captures;
 use crate::errors::OrRaise;
+use camrig::Result;
 use camrig::clean::{self, Cleaned};
 use camrig::measure::{self, dark_stack, figure, gains, mtf as edges};
-use camrig::{Error, Result};
 use pyo3::prelude::*;
 use serde_json::json;
 
@@ -63,29 +63,10 @@ pub fn mtf(
     let found = py.detach(|| -> Result<_> {
         let planes: Vec<_> = (0..stack.count).map(|n| (stack.plane(n), white_level_dn)).collect();
         let letters = channels.unwrap_or_else(|| cfa.channels());
-        let green = if letters.contains(&'G') { 'G' } else { letters[0] };
         let given =
             regions.iter().map(|&[x, y, width, height]| edges::Roi { x, y, width, height });
-        let mut regions: Vec<edges::Roi> = given.collect();
-        let searched = regions.is_empty();
-        if searched {
-            regions = edges::find_edges(&planes[0].0, &cfa, green, white_level_dn);
-        }
-        let mut found = Vec::new();
-        for roi in regions {
-            for &letter in &letters {
-                match edges::measure_frames(&planes, &cfa, letter, roi, pitch_um) {
-                    Ok(edge) => found.push(edge),
-                    // What was taken for an edge and is none.
-                    Err(_) if searched => {}
-                    Err(e) => return Err(e.at(format!("channel {letter}"))),
-                }
-            }
-        }
-        if found.is_empty() {
-            return Err(Error::input("no slanted edge found")
-                .help("with a region, the reason is reported"));
-        }
+        let regions: Vec<edges::Roi> = given.collect();
+        let found = edges::edges(&planes, &cfa, &letters, &regions, pitch_um, |_| ())?;
         figure::object(&json!({ "edges": found }))
     });
     Ok(json!(found.or_raise()?).to_string())

@@ -1,5 +1,8 @@
 """Noise for training: its statistics are the camera's, and it is a function of the seed."""
 
+import os
+import time
+
 import numpy as np
 import pytest
 
@@ -58,3 +61,38 @@ def test_unprocessing_undoes_the_tone_curve_and_the_gains():
 def test_what_is_wrong_is_said(camera, means, seeds, said):
     with pytest.raises(camrig.CamrigError, match=said):
         augment.expose(means, camera, seeds=seeds)
+
+
+def test_sensors_of_several_captures_are_refused():
+    camera = camrig.Camera("ox03c10").set(width=32, height=16)
+    with pytest.raises(camrig.CamrigError, match="several captures"):
+        augment.expose(np.zeros((1, 16, 32)), camera, seeds=[0])
+
+
+def in_numpy(electrons, camera, seed):
+    """The same model in numpy: shot noise, PRNU, dark current, read and row noise, converter."""
+    rng = np.random.default_rng(seed)
+    count, height, width = electrons.shape
+    prnu = 1 + 0.01 * np.random.default_rng(0).standard_normal((height, width))
+    charge = rng.poisson(electrons * prnu + 20.0 * 0.01).astype(np.float64)
+    charge += 4.0 * rng.standard_normal(electrons.shape)
+    charge += rng.standard_normal((count, height, 1))
+    charge = np.clip(charge, None, 5000)
+    return np.clip(np.rint(camera.black_level_dn + 1023 / 5000 * charge), 0, 1023).astype(np.uint16)
+
+
+def test_the_same_model_in_numpy_is_slower(camera):
+    """How many times is printed (pytest -s), and is no condition: machines differ."""
+    means = np.full((2, 768, 1024), 500.0, np.float32)
+    own = camera.set(width=1024, height=768)
+    seconds = {}
+    for name, take in {
+        "augment": lambda: augment.expose(means, own, seeds=[0, 1]),
+        "numpy": lambda: in_numpy(means, own, 0),
+    }.items():
+        begun = time.perf_counter()
+        frames = take()
+        seconds[name] = time.perf_counter() - begun
+        assert frames.mean() == pytest.approx(42 + 1023 / 5000 * 500.2, rel=0.01)
+    cores = len(os.sched_getaffinity(0))
+    print(f"numpy / augment: {seconds['numpy'] / seconds['augment']:.0f} on {cores} cores")

@@ -41,10 +41,13 @@ pub struct MtfArgs {
 pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
     let (first, planes) = args.open()?;
     let letters = first.letters(&args.channel)?;
-    let edges = match args.roi.is_empty() {
-        true => args.found(&first, &planes, &letters)?,
-        false => args.in_regions(&first, &planes, &letters)?,
-    };
+    let note = |note: &str| eprintln!("note: {note}");
+    let edges = mtf::edges(&planes, &first.cfa, &letters, &args.roi, args.pitch_um, note)
+        .map_err(|e| match args.roi.is_empty() {
+            true => e.help("with --roi X,Y,WIDTH,HEIGHT, the reason is reported"),
+            false => e,
+        })
+        .map_err(|e| e.at(args.frames[0].display()))?;
     let files = args.frames.len();
     let more = if files > 1 { format!(" and {} more", files - 1) } else { String::new() };
     let name = format!("{}{more}", args.frames[0].display());
@@ -85,53 +88,6 @@ impl MtfArgs {
         }
         note_assumed_mono(&assumed_mono);
         Ok((first, planes))
-    }
-
-    /// The edges in the given regions.
-    fn in_regions(&self, first: &Opened, planes: &[Frame], letters: &[char]) -> Result<Vec<Edge>> {
-        let places = self.roi.iter().flat_map(|roi| letters.iter().map(move |l| (*roi, *l)));
-        let edge = |(roi, letter)| {
-            self.edge(first, planes, roi, letter).map_err(|e| {
-                let Roi { x, y, width, height } = roi;
-                let place = if self.roi.len() > 1 {
-                    format!(", region {x},{y},{width},{height}")
-                } else {
-                    String::new()
-                };
-                e.at(format!("{}, channel {letter}{place}", self.frames[0].display()))
-            })
-        };
-        places.map(edge).collect()
-    }
-
-    /// The edges that are found in the first frame and are in all frames.
-    fn found(&self, first: &Opened, planes: &[Frame], letters: &[char]) -> Result<Vec<Edge>> {
-        let green = if letters.contains(&'G') { 'G' } else { letters[0] };
-        let regions = mtf::find_edges(&planes[0].0, &first.cfa, green, first.white);
-        let mut edges = Vec::new();
-        for roi in &regions {
-            for letter in letters {
-                let Roi { x, y, width, height } = *roi;
-                match self.edge(first, planes, *roi, *letter) {
-                    Ok(edge) => edges.push(edge),
-                    Err(e) => eprintln!(
-                        "note: channel {letter} at {x},{y},{width},{height} is excluded: {}",
-                        e.what()
-                    ),
-                }
-            }
-        }
-        if edges.is_empty() {
-            return Err(Error::input("no slanted edge found")
-                .at(self.frames[0].display())
-                .help("with --roi X,Y,WIDTH,HEIGHT, the reason is reported"));
-        }
-        eprintln!("note: slanted edges found in {} places", regions.len());
-        Ok(edges)
-    }
-
-    fn edge(&self, first: &Opened, planes: &[Frame], roi: Roi, letter: char) -> Result<Edge> {
-        mtf::measure_frames(planes, &first.cfa, letter, roi, self.pitch_um)
     }
 
     /// Prints a line about an edge, with its position where there are several.

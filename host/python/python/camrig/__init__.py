@@ -11,7 +11,7 @@ release the interpreter's lock, take ``progress`` (a function of what, done and 
 Ctrl-C. Errors are :class:`CamrigError` with ``kind``, ``what``, ``where``, ``help`` and ``code``.
 """
 
-from . import augment, measure
+from . import augment, batch, measure
 from ._camera import Camera
 from ._camrig import CamrigError, Irradiance, __version__, effects, presets, read_raw, write_raw
 from ._captures import Captures, Diagnosis, Fitted, compare, diagnose, fit
@@ -25,6 +25,7 @@ __all__ = [
     "Irradiance",
     "__version__",
     "augment",
+    "batch",
     "compare",
     "diagnose",
     "effects",

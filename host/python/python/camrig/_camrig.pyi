@@ -12,6 +12,7 @@ __all__ = [
     "CamrigError",
     "Captures",
     "Irradiance",
+    "_Batch",
     "_Diagnosis",
     "__version__",
     "compare",
@@ -113,6 +114,12 @@ class Captures:
     def shape(self) -> tuple[int, int]: ...
     @property
     def bits(self) -> int: ...
+
+@final
+class _Batch:
+    def __new__(cls, sweep: _Path, directory: _Path) -> _Batch: ...
+    def __len__(self) -> int: ...
+    def make(self, index: int) -> None: ...
 
 @final
 class _Diagnosis:

@@ -173,6 +173,56 @@ pub fn measure(
     measure_frames(&[(frame, white_level_dn)], cfa, channel, roi, pitch_um)
 }
 
+/// The edges of frames in each of `channels`: in `regions`, or, where none is given, wherever the
+/// first frame has some. `note` is told what was found, and what was taken for an edge and is none.
+///
+/// # Errors
+/// Those of [`measure_frames`] in a given region, no frame, no edge.
+pub fn edges(
+    frames: &[(Plane<u16>, Option<u16>)],
+    cfa: &Cfa,
+    channels: &[char],
+    regions: &[Roi],
+    pitch_um: Option<f64>,
+    mut note: impl FnMut(&str),
+) -> Result<Vec<Edge>> {
+    let (first, white) =
+        frames.first().ok_or_else(|| Error::input("no frames").help("provide one or more"))?;
+    let searched = match (regions, channels) {
+        ([], [some, ..]) => {
+            let green = if channels.contains(&'G') { 'G' } else { *some };
+            find_edges(first, cfa, green, *white)
+        }
+        _ => Vec::new(),
+    };
+    let mut edges = Vec::new();
+    for &roi in regions.iter().chain(&searched) {
+        let Roi { x, y, width, height } = roi;
+        for &channel in channels {
+            match measure_frames(frames, cfa, channel, roi, pitch_um) {
+                Ok(edge) => edges.push(edge),
+                Err(e) if regions.is_empty() => note(&format!(
+                    "channel {channel} at {x},{y},{width},{height} is excluded: {}",
+                    e.what()
+                )),
+                Err(e) if regions.len() == 1 => return Err(e.at(format!("channel {channel}"))),
+                Err(e) => {
+                    let region = format!("channel {channel}, region {x},{y},{width},{height}");
+                    return Err(e.at(region));
+                }
+            }
+        }
+    }
+    if edges.is_empty() {
+        return Err(Error::input("no slanted edge found")
+            .help("give the region of an edge, and the reason is reported"));
+    }
+    if regions.is_empty() {
+        note(&format!("slanted edges found in {} places", searched.len()));
+    }
+    Ok(edges)
+}
+
 /// [`measure`] over several frames of one edge, each with its white level, DN, where that is known.
 /// They may move by less than the region's margin and change in brightness between them.
 ///
