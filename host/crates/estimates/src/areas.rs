@@ -132,22 +132,25 @@ fn taken(out: &mut [bool], first: usize, columns: usize) -> Vec<usize> {
     group
 }
 
-/// The median of the lines around each line.
+/// The median of the lines around each line. The window of the first and the last ones is that of
+/// those further in, carried on by its slope (Theil 1950).
 pub(crate) fn running_median(lines: &[f64]) -> Vec<f64> {
+    let side = (2 * NEAR + 1).min(lines.len());
     let around = |i: usize| {
-        let near = (0..=2 * NEAR)
-            .map(|k| lines[mirrored((i + k) as isize - NEAR as isize, lines.len())])
-            .collect();
-        median(near)
+        let first = i.saturating_sub(NEAR).min(lines.len() - side);
+        let near = &lines[first..first + side];
+        let outwards = i as f64 - (first as f64 + 0.5 * (side - 1) as f64);
+        let middle = median(near.to_vec());
+        if outwards == 0.0 { middle } else { middle + outwards * slope(near) }
     };
     (0..lines.len()).map(around).collect()
 }
 
-/// An index mirrored at the first and the last of `n`.
-pub(crate) fn mirrored(i: isize, n: usize) -> usize {
-    let last = n as isize - 1;
-    let i = if i < 0 { -i } else { i };
-    (if i > last { 2 * last - i } else { i }).clamp(0, last) as usize
+/// The median of the slopes between any two lines; 0 of a single one.
+fn slope(lines: &[f64]) -> f64 {
+    let pairs = (0..lines.len()).flat_map(|i| (0..i).map(move |k| (k, i)));
+    let slopes: Vec<f64> = pairs.map(|(k, i)| (lines[i] - lines[k]) / (i - k) as f64).collect();
+    if slopes.is_empty() { 0.0 } else { median(slopes) }
 }
 
 /// Lines whose departure is `sds` robust standard deviations of all, and at least `least`.
@@ -167,6 +170,17 @@ mod tests {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let law = Bernoulli::new(share).unwrap();
         (0..96 * 96).map(|_| f64::from(u8::from(law.sample(&mut rng)))).collect()
+    }
+
+    #[test]
+    fn the_median_around_a_line_follows_a_slope_to_the_edges() {
+        let mut lines: Vec<f64> = (0..20).map(|i| 5.0 + 0.3 * i as f64).collect();
+        let straight = lines.clone();
+        (lines[0], lines[10]) = (50.0, 0.0);
+        for (found, expected) in running_median(&lines).iter().zip(&straight) {
+            assert!((found - expected).abs() < 0.31, "{found} {expected}");
+        }
+        assert_eq!(running_median(&[2.0]), [2.0]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Flicker of the light, gain, PRNU, defective columns, rows and areas: of a flat stack.
 
-use super::areas::{Area, far, find, mirrored, running_median};
+use super::areas::{Area, far, find, running_median};
 use super::bias::Bias;
 use super::robust::{jackknife, mad_sd, mean, median};
 use super::transfer::inefficiency;
@@ -517,6 +517,13 @@ impl Polynomials {
         let normal = Matrix::from_fn(n, n, |i, j| self.values.iter().map(|p| p[i] * p[j]).sum());
         inverse(normal).expect("polynomials are independent")
     }
+}
+
+/// An index mirrored at the first and the last of `n`.
+fn mirrored(i: isize, n: usize) -> usize {
+    let last = n as isize - 1;
+    let i = if i < 0 { -i } else { i };
+    (if i > last { 2 * last - i } else { i }).clamp(0, last) as usize
 }
 
 /// Takes the mean of the square around each pixel off it, edges mirrored.
