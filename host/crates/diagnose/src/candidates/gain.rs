@@ -86,8 +86,9 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     };
     let columns = e.difference(GAIN, What::EveryOtherColumn)?;
     let rows = e.difference(GAIN, What::EveryOtherRow)?;
-    let contrast = rows.value + if first_in_even_column { columns.value } else { -columns.value };
-    let d = Value { value: contrast, std_error: libm::hypot(rows.std_error, columns.std_error) };
+    // Each shows half of it; light that flickers leaves the rows uncertain, but not the columns.
+    let columns = columns.scaled(if first_in_even_column { 2.0 } else { -2.0 });
+    let d = Value::combine([rows.scaled(2.0), columns])?;
     // The effect's parameter is green next to red minus green next to blue.
     let red_in_even_row = (0..2).any(|x| cfa.letter(x, 0) == 'R');
     let sign = if red_in_even_row { 1.0 } else { -1.0 };
