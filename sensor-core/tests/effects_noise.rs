@@ -375,21 +375,36 @@ fn flicker_banding<A: Arith>() {
         depth: 0.5,
         frequency_hz: f as f32,
         row_time_us: (row_time * 1e6) as f32,
+        channel_0: 0.6,
+        channel_1: 1.0,
+        channel_2: 1.5,
+        channel_3: 1.0,
     };
-    let config = monochrome(4, 384, &[effect.into()]);
     let settings = SETTINGS.with_exposure(1.0 / 300.0);
-    let v = row_means(&flat::<A>(&config, &settings, 2000.0), 4);
-    let (mut s, mut c) = (0.0, 0.0);
-    for (y, v) in v.iter().enumerate() {
-        let angle = core::f64::consts::TAU * f * row_time * y as f64;
-        s += v * angle.sin();
-        c += v * angle.cos();
-    }
-    let amplitude = s.hypot(c) / 192.0;
+    // Of every `step`th row from `first` on.
+    let amplitude = |v: &[f64], first: usize, step: usize| {
+        let (mut s, mut c) = (0.0, 0.0);
+        for (i, v) in v.iter().enumerate() {
+            let angle = core::f64::consts::TAU * f * row_time * (first + i * step) as f64;
+            s += v * angle.sin();
+            c += v * angle.cos();
+        }
+        s.hypot(c) / (0.5 * v.len() as f64)
+    };
     let third = core::f64::consts::PI / 3.0;
     let expected = 2000.0 * 0.5 * third.sin() / third;
-    assert!((amplitude - expected).abs() < 0.05, "{amplitude} {expected}");
+    let config = monochrome(4, 384, &[effect.into()]);
+    let v = row_means(&flat::<A>(&config, &settings, 2000.0), 4);
+    let found = amplitude(&v, 0, 1);
+    assert!((found - 0.6 * expected).abs() < 0.05, "{found} {expected}");
     assert!((mean(&v) - 2000.0).abs() < 0.05);
+    let v = flat::<A>(&bayer(2, 384, &[effect.into()]), &settings, 2000.0);
+    for ([x, y], ratio) in [([0, 0], 0.6), ([1, 0], 1.0), ([0, 1], 1.0), ([1, 1], 1.5)] {
+        let site: Vec<f64> = v.iter().skip(2 * y + x).step_by(4).copied().collect();
+        let found = amplitude(&site, y, 2);
+        assert!((found - ratio * expected).abs() < 0.05, "{x},{y}: {found} {expected}");
+    }
+    let config = monochrome(4, 384, &[effect.into()]);
     let whole_period = SETTINGS.with_exposure(0.01);
     let v = flat::<A>(&config, &whole_period, 2000.0);
     assert!(variance(&v) < 0.01, "a whole period averages out");

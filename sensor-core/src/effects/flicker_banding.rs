@@ -9,12 +9,13 @@ effect! {
     /// Flicker banding: the lamp's light pulsates, and with a rolling shutter each row integrates
     /// a different part of the pulsation.
     ///
-    /// µ *= 1 + A sinc(f t) sin(2π(f (y t_row + t/2) + φ_frame)), which is the mean of 1 + A
+    /// µ *= 1 + A a_c sinc(f t) sin(2π(f (y t_row + t/2) + φ_frame)), which is the mean of 1 + A a_c
     /// sin(2πf τ) over the row's exposure t. sinc(x) = sin(πx)/(πx), and φ is uniform in each
-    /// frame.
+    /// frame. a_c is the depth that channel c sees over A: the phosphor of a white LED glows on,
+    /// so its blue light, which comes from the diode, pulsates more than the rest.
     ///
-    /// Closed form: in a frame the row means are a sine over y of frequency f t_row and relative
-    /// amplitude A sinc(f t).
+    /// Closed form: in a frame the row means of a channel are a sine over y of frequency f t_row
+    /// and relative amplitude A a_c sinc(f t).
     FlickerBanding, "flicker-banding", Light, Response, Pixel {
         /// Depth A of the light's modulation
         depth: "1", 0.0..=1.0;
@@ -22,6 +23,14 @@ effect! {
         frequency_hz: "Hz", 0.1..=1e5, default 100.0;
         /// Time t_row from one row to the next
         row_time_us: "us", 0.0..=1e4, default 20.0;
+        /// Depth that the first channel sees, over A
+        channel_0: "1", 0.0..=10.0, default 1.0;
+        /// Depth that the second channel sees, over A
+        channel_1: "1", 0.0..=10.0, default 1.0;
+        /// Depth that the third channel sees, over A
+        channel_2: "1", 0.0..=10.0, default 1.0;
+        /// Depth that the fourth channel sees, over A
+        channel_3: "1", 0.0..=10.0, default 1.0;
     }
 }
 
@@ -44,6 +53,10 @@ impl Stage for FlickerBanding {
         // In units of 2⁻³² turns, which wrap around at a whole turn.
         let turns = (phase * 4_294_967_296.0) as u64 as u32;
         let turns = turns.wrapping_add(cx.per_frame(0, cx.frame).next_u32());
-        super::scale_all::<A>(row, 1.0 + self.depth * sinc * math::sin_cos_turns(turns).0);
+        let wave = self.depth * sinc * math::sin_cos_turns(turns).0;
+        let by_channel = [self.channel_0, self.channel_1, self.channel_2, self.channel_3];
+        super::scale_by_place::<A>(cx, row, |x, _| {
+            1.0 + by_channel.get(cx.channel(x)).copied().unwrap_or(1.0) * wave
+        });
     }
 }

@@ -64,13 +64,16 @@ pub struct Flat {
 }
 
 /// The strongest frequency of the light over rows.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Flicker {
     /// Its power over the median of all frequencies.
     pub power_ratio: f64,
     /// Cycles per row, and amplitude relative to the mean after integration over the exposure; not
     /// fitted where nothing stands out.
     pub fit: Option<[Value; 2]>,
+    /// The amplitude that the pixels of each site see, over that of all; empty where it is not
+    /// fitted.
+    pub by_site: Vec<Value>,
 }
 
 /// Of the pixels at one site.
@@ -151,7 +154,7 @@ impl Flat {
         Self {
             stack: stack.id.clone(),
             exposure_s: stack.exposure_s,
-            flicker: Flicker::of(&lines),
+            flicker: Flicker::of(&lines, &maps, sites),
             frame_sd: Value { value: frame_sd, std_error: frame_sd / (2.0 * (n - 1.0)).sqrt() },
             sites: by_site.collect(),
             gain_correlation: [(1, 0), (0, 1), (2, 0), (0, 2)].map(correlation),
@@ -184,9 +187,16 @@ fn row_logarithms(frames: &[Vec<f64>], width: usize) -> (Vec<Vec<f64>>, Vec<f64>
     (lines.collect(), levels)
 }
 
+/// Logarithms less their mean.
+fn logarithms(light: &[f64]) -> Vec<f64> {
+    let line: Vec<f64> = light.iter().map(|v| libm::log(v.max(1e-6))).collect();
+    let level = mean(&line).value;
+    line.iter().map(|v| v - level).collect()
+}
+
 impl Flicker {
     /// The phase of each frame is free, the frequency one for all.
-    fn of(lines: &[Vec<f64>]) -> Self {
+    fn of(lines: &[Vec<f64>], maps: &[SiteMaps], sites: Sites) -> Self {
         let height = lines[0].len();
         let (first, step) = (1.0 / height as f64, 0.1 / height as f64);
         let count = ((0.5 - first) / step).ceil() as usize;
@@ -210,7 +220,13 @@ impl Flicker {
                 Value { value: depth, std_error: error(1) },
             ]
         });
-        Self { power_ratio, fit }
+        let by_site = fit.map_or_else(Vec::new, |[frequency, _]| {
+            let of = |(s, map): (usize, &SiteMaps)| {
+                ratio(lines, &map.lines, s / sites.across, sites.down, frequency.value)
+            };
+            maps.iter().enumerate().map(of).collect()
+        });
+        Self { power_ratio, fit, by_site }
     }
 }
 
@@ -245,7 +261,7 @@ fn fit(lines: &[&Vec<f64>], near: f64) -> [f64; 2] {
         let step = (high - low) / (POINTS - 1) as f64;
         for k in 0..POINTS {
             let frequency = low + k as f64 * step;
-            let (left, amplitude) = amplitudes(lines, frequency);
+            let (left, amplitude) = amplitudes(lines, 0, 1, frequency);
             if left < best.0 {
                 best = (left, frequency, amplitude);
             }
@@ -257,12 +273,29 @@ fn fit(lines: &[&Vec<f64>], near: f64) -> [f64; 2] {
     [best.1, (best.2 / n * n / (n - 1.0).max(1.0)).sqrt()]
 }
 
-/// What waves of a frequency leave of the lines' squares, and the sum of their squared amplitudes.
-fn amplitudes(lines: &[&Vec<f64>], frequency: f64) -> (f64, f64) {
+/// The amplitude of a wave in the lines of a site's rows, every `step`th from `first` on, over that
+/// in the lines of all rows; with its error by leaving out one frame at a time.
+fn ratio(all: &[Vec<f64>], own: &[Vec<f64>], first: usize, step: usize, frequency: f64) -> Value {
+    let square = |lines: &[Vec<f64>], first, step| -> Vec<f64> {
+        lines.iter().map(|line| amplitudes(&[line], first, step, frequency).1).collect()
+    };
+    let (all, own) = (square(all, 0, 1), square(own, first, step));
+    let of = |without: Option<usize>| {
+        let sum = |squares: &[f64]| -> f64 {
+            squares.iter().enumerate().filter(|(i, _)| Some(*i) != without).map(|(_, s)| s).sum()
+        };
+        (sum(&own) / sum(&all)).sqrt()
+    };
+    Value::new(of(None), jackknife(all.len(), |i| of(Some(i))))
+}
+
+/// What waves of a frequency leave of the squares of lines, which are of every `step`th row from
+/// `first` on, and the sum of their squared amplitudes.
+fn amplitudes(lines: &[&Vec<f64>], first: usize, step: usize, frequency: f64) -> (f64, f64) {
     let height = lines[0].len();
     let design: Vec<[f64; 3]> = (0..height)
-        .map(|y| {
-            let phase = TAU * frequency * y as f64;
+        .map(|i| {
+            let phase = TAU * frequency * (first + i * step) as f64;
             [libm::cos(phase), libm::sin(phase), 1.0]
         })
         .collect();
@@ -297,6 +330,8 @@ struct SiteMaps {
     defective_rows: Vec<(usize, f64)>,
     /// Relative gain less 1, of even and of odd frames.
     gains: [Vec<f64>; 2],
+    /// The logarithm of the light of each row in each frame over its mean, less its mean over rows.
+    lines: Vec<Vec<f64>>,
 }
 
 impl SiteMaps {
@@ -374,6 +409,7 @@ impl SiteMaps {
             dof: n - 1.0,
             defective_rows: rows.iter().map(|y| (*y, 1.0 + departures[*y])).collect(),
             gains: [relative(gain_of(|i| i % 2 == 0)), relative(gain_of(|i| i % 2 == 1))],
+            lines: light.iter().map(|of_frame| logarithms(of_frame)).collect(),
         }
     }
 

@@ -638,6 +638,7 @@ fn of_groups(
 pub(super) fn kind(effect: &'static str) -> &'static str {
     match effect {
         "row-noise-of-opposite-sign" => "row-temporal-noise",
+        "flicker-by-site" => "flicker-banding",
         "gain-stage" => "read-noise",
         _ => effect,
     }
@@ -668,6 +669,11 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
             .with("line_time_at_120_hz", frequency.scaled(1e6 / OTHER_HZ), "us")
             .with("depth_at_120_hz", depth.scaled(1.0 / left_by(d.exposure_s, OTHER_HZ)), "1");
         tests.push(Test { in_part: true, ..test });
+        let own = &d.flicker.by_site;
+        let alike = vec![Value::new(1.0, 0.0); own.len()];
+        let z = by_site(own, if given.is_some() { &m.flicker.by_site } else { &alike });
+        let shown_by = "waves of each site's row means over those of all";
+        tests.push(with_sites(Test::new("flicker-by-site", z, shown_by), own, "1"));
     } else {
         tests.push(Test::new("flicker-banding", 0.0, shown_by));
     }
@@ -693,6 +699,20 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
     );
     tests.push(test.with("sigma", d.frame_sd, "1"));
     tests
+}
+
+/// What the channels of the colour filter pattern have of figures of its sites.
+fn by_channel(sites: &[Value], camera: &Camera) -> Vec<(&'static str, Value)> {
+    let cfa = &camera.sensor.cfa;
+    let keys = ["channel_0", "channel_1", "channel_2", "channel_3"];
+    let of = |(channel, key)| {
+        let own = sites
+            .iter()
+            .enumerate()
+            .filter(|(s, _)| cfa.channel(s % cfa.width, s / cfa.width) == channel);
+        Some((key, Value::combine(own.map(|(_, v)| *v))?))
+    };
+    keys.into_iter().enumerate().filter_map(of).collect()
 }
 
 /// What an exposure leaves of the depth of light that flickers; 1 where it leaves nothing.
@@ -902,19 +922,19 @@ pub(super) fn proposal(
             let law = [("fraction", fraction), ("gain", brightest.defective_gain?)];
             Proposal::of(test.effect, strength, law)
         }
-        "flicker-banding" => {
+        "flicker-banding" | "flicker-by-site" => {
             let brightest = brightest(data)?;
             let [frequency, depth] = brightest.flicker.fit?;
             let left = left_by(brightest.exposure_s, FLICKER_HZ);
-            Proposal::of(
-                test.effect,
-                strength,
-                [
-                    ("depth", depth.scaled(1.0 / left)),
-                    ("frequency_hz", Value::chosen(FLICKER_HZ)),
-                    ("row_time_us", frequency.scaled(1e6 / FLICKER_HZ)),
-                ],
-            )
+            let mut law = vec![
+                ("depth", depth.scaled(1.0 / left)),
+                ("frequency_hz", Value::chosen(FLICKER_HZ)),
+                ("row_time_us", frequency.scaled(1e6 / FLICKER_HZ)),
+            ];
+            if test.effect == "flicker-by-site" {
+                law.extend(by_channel(&brightest.flicker.by_site, camera));
+            }
+            Proposal::of(kind, strength, law)
         }
         "black-level-offset" => {
             let off: Vec<f64> = d
