@@ -324,6 +324,12 @@ row_fpn_e = 0.0
             }
             let blinking = found.iter().find(|e| e.effect == "dark-current-telegraph-noise");
             println!("{crop}: {named:?}; {blinking:?}");
+            // The lamp is a white LED: numpy finds amplitudes of 0.2433 in blue and 0.1783 in red.
+            let flicker = found.iter().find(|e| e.effect == "flicker-by-site").unwrap();
+            let blue_over_red = flicker.amounts[2].value / flicker.amounts[1].value;
+            if (blue_over_red - 0.2433 / 0.1783).abs() > 0.03 {
+                wrong.push(format!("{crop}: {flicker:?}"));
+            }
             smaller = named;
         }
         for name in [
@@ -335,6 +341,7 @@ row_fpn_e = 0.0
             "frame-offset-by-site",
             "random-telegraph-noise",
             "flicker-banding",
+            "flicker-by-site",
             "prnu",
             "dark-current-telegraph-noise",
         ] {

@@ -270,7 +270,13 @@ fn fit(lines: &[&Vec<f64>], near: f64) -> [f64; 2] {
     }
     let n = lines.len() as f64;
     // The mean over frames was taken off each line.
-    [best.1, (best.2 / n * n / (n - 1.0).max(1.0)).sqrt()]
+    [best.1, depth((best.2 / (n - 1.0).max(1.0)).sqrt())]
+}
+
+/// The depth A of light of 1 + A sin, whose logarithm has the first harmonic
+/// L = 2 (1 − √(1 − A²))/A.
+fn depth(of_logarithm: f64) -> f64 {
+    of_logarithm / (1.0 + 0.25 * of_logarithm * of_logarithm)
 }
 
 /// The amplitude of a wave in the lines of a site's rows, every `step`th from `first` on, over that
@@ -281,10 +287,12 @@ fn ratio(all: &[Vec<f64>], own: &[Vec<f64>], first: usize, step: usize, frequenc
     };
     let (all, own) = (square(all, 0, 1), square(own, first, step));
     let of = |without: Option<usize>| {
-        let sum = |squares: &[f64]| -> f64 {
-            squares.iter().enumerate().filter(|(i, _)| Some(*i) != without).map(|(_, s)| s).sum()
+        let depth = |squares: &[f64]| {
+            let kept = squares.iter().enumerate().filter(|(i, _)| Some(*i) != without);
+            let kept: Vec<f64> = kept.map(|(_, s)| *s).collect();
+            depth(mean(&kept).value.sqrt())
         };
-        (sum(&own) / sum(&all)).sqrt()
+        depth(&own) / depth(&all)
     };
     Value::new(of(None), jackknife(all.len(), |i| of(Some(i))))
 }

@@ -145,6 +145,8 @@ struct Sensor {
     frame_offset: f64,
     /// Amplitude and cycles per row.
     flicker: [f64; 2],
+    /// Of each site over that amplitude.
+    flicker_of_sites: [f64; 4],
     hot_share: f64,
     /// Share and jump of pixels that blink: of the read-out, e⁻; of the dark current, e⁻/s.
     readout_telegraph: [f64; 2],
@@ -180,6 +182,7 @@ const SENSOR: Sensor = Sensor {
     opposite_row_noise: 0.0,
     frame_offset: 0.0,
     flicker: [0.0, 0.02],
+    flicker_of_sites: [1.0; 4],
     hot_share: 0.0,
     readout_telegraph: [0.0, 0.0],
     dark_telegraph: [0.0, 0.0],
@@ -264,7 +267,8 @@ impl Sensor {
                         let wave = std::f64::consts::TAU * (self.flicker[1] * y as f64 + phase);
                         let light = match role {
                             Role::Flat => {
-                                6200.0 * relative[p] * (1.0 + self.flicker[0] * wave.sin())
+                                let own = self.flicker_of_sites[y % 2 * 2 + p % width % 2];
+                                6200.0 * relative[p] * (1.0 + own * self.flicker[0] * wave.sin())
                             }
                             _ => 0.0,
                         };
@@ -379,6 +383,18 @@ fn flicker_leaves_gain_and_prnu_as_they_are() {
     assert_is(found.gain.unwrap(), 0.27, 0.02);
     assert_eq!(flat.defective_columns, [17]);
     assert_is(flat.sites[0].prnu_variance.sqrt().unwrap(), 0.008, 0.1);
+}
+
+#[test]
+fn flicker_has_an_amplitude_of_its_own_at_each_site() {
+    let ratios = [1.0, 0.8, 1.3, 1.0];
+    let sensor = Sensor { flicker: [0.2, 0.0145], flicker_of_sites: ratios, ..SENSOR };
+    let found = sensor.found([96, 96], 4);
+    let flicker = &found.flats[0].flicker;
+    let all = ratios.iter().sum::<f64>() / 4.0;
+    for (own, ratio) in flicker.by_site.iter().zip(ratios) {
+        assert_is(*own, ratio / all, 0.02);
+    }
 }
 
 #[test]
