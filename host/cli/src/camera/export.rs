@@ -127,7 +127,7 @@ impl Lost {
         let sensor = &camera.sensor;
         let beside = Beside {
             name: camera.name.clone(),
-            bits: Some(sensor.bits as u8),
+            bits: Some(sensor.bits),
             size: Some([sensor.width as f64, sensor.height as f64]),
             black_level_dn: Some(sensor.black_level_dn),
             prnu: Some(sensor.noise.prnu),
@@ -216,21 +216,19 @@ fn differs(camera: &Camera, back: &Camera, most: f64, black: bool) -> Vec<Figure
         let (_, offset) = noise_profile(camera, gain)[0];
         offset.sqrt() * (top - at.black_level_dn) / at.dn_per_e
     };
-    let figures: [(&str, &str, &dyn Fn(&Camera, f64) -> f64); 3] = [
-        ("system gain", "DN/e-", &|camera, gain| camera.sensor.at_gain(gain).dn_per_e),
-        ("noise in the dark with rounding", "e-", &dark_e),
-        ("black level", "DN", &|camera, gain| camera.sensor.at_gain(gain).black_level_dn),
-    ];
-    let worst = |(name, unit, of): (&'static str, &'static str, &dyn Fn(&Camera, f64) -> f64)| {
-        let each = gains.iter().map(|gain| Figure {
-            name,
-            unit,
-            gain: *gain,
-            camera: of(camera, *gain),
-            form: of(back, *gain),
-        });
-        each.max_by(|a, b| a.off().total_cmp(&b.off()))
+    let mut found = Vec::new();
+    let mut judge = |name: &'static str, unit: &'static str, of: &dyn Fn(&Camera, f64) -> f64| {
+        let figure = |gain: &f64| {
+            let [camera, form] = [camera, back].map(|c| of(c, *gain));
+            Figure { name, unit, gain: *gain, camera, form }
+        };
+        let worst = gains.iter().map(figure).max_by(|a, b| a.off().total_cmp(&b.off()));
+        found.extend(worst.filter(|figure| figure.off() > MAX_OFF));
     };
-    let judged = figures.into_iter().take(if black { 3 } else { 2 });
-    judged.filter_map(worst).filter(|figure| figure.off() > MAX_OFF).collect()
+    judge("system gain", "DN/e-", &|camera, gain| camera.sensor.at_gain(gain).dn_per_e);
+    judge("noise in the dark with rounding", "e-", &dark_e);
+    if black {
+        judge("black level", "DN", &|camera, gain| camera.sensor.at_gain(gain).black_level_dn);
+    }
+    found
 }

@@ -17,7 +17,7 @@ pub struct Args {
 
 #[derive(clap::Subcommand, Debug)]
 enum Command {
-    New(new::NewArgs),
+    New(Box<new::NewArgs>),
     Fit(fit::FitArgs),
     Export(export::ExportArgs),
 }
