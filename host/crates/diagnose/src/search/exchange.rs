@@ -4,7 +4,6 @@
 use super::estimate::fitted;
 use super::evaluation::{Evaluation, RUNS_ON_THE_WAY};
 use super::forward::{RIVAL_MARGIN, Rivals, Selection, Step, step};
-use super::run::Outcome;
 use super::trial::Trial;
 use crate::candidates::proposal::with_all;
 use crate::measured::Measured;
@@ -13,6 +12,14 @@ use camrig_camera::Camera;
 
 /// Fraction of the winner's evidence from which a rival of its round is tried in its place.
 const CLOSE_RIVAL: f64 = 0.5;
+
+/// What a search has found so far.
+#[derive(Clone, Copy)]
+pub(super) struct Found<'a> {
+    pub model: &'a Evaluation,
+    pub steps: &'a [Step],
+    pub confounded: &'a [Rivals],
+}
 
 /// What the rivals of named effects come to in their places.
 #[derive(Default)]
@@ -25,12 +32,16 @@ pub(super) struct Exchanges {
 
 /// Puts every close rival in the place of the effect that it lost to. The rivals of the last one
 /// lost with all others in place.
-pub(super) fn exchanges(measured: &Measured, base: &Camera, found: &Outcome) -> Result<Exchanges> {
-    let own = found.after.by(measured, RUNS_ON_THE_WAY)?;
+pub(super) fn exchanges(
+    measured: &Measured,
+    base: &Camera,
+    found: Found<'_>,
+) -> Result<Exchanges> {
+    let own = found.model.by(measured, RUNS_ON_THE_WAY)?;
     let mut out = Exchanges::default();
     let mut least = own.deviance();
     for step in &found.steps[..found.steps.len().saturating_sub(1)] {
-        for rival in close_rivals(step, &found.after) {
+        for rival in close_rivals(step, found.model) {
             let taken = step.trial.proposal.kind.to_string();
             let other = with_rival(measured, base, &own, step, rival)?;
             if (other.deviance() - own.deviance()).abs() < RIVAL_MARGIN {
@@ -70,7 +81,7 @@ fn with_rival(
 /// The selection after an exchange, from which the search goes on.
 fn selection(
     measured: &Measured,
-    found: &Outcome,
+    found: Found<'_>,
     own: &Evaluation,
     model: Evaluation,
     (displaced, rival): (&Step, &Trial),
@@ -79,8 +90,8 @@ fn selection(
     let mut others = displaced.others.clone();
     others.retain(|t| t.proposal.kind != rival.proposal.kind);
     others.insert(0, displaced.trial.clone());
-    let mut steps = found.steps.clone();
+    let mut steps = found.steps.to_vec();
     steps.retain(|s| s.trial.proposal.kind != kind);
     steps.push(step(&measured.holdout, own, &model, rival.clone(), others));
-    Selection { model, steps, confounded: found.confounded.clone(), barred: Vec::new() }
+    Selection { model, steps, confounded: found.confounded.to_vec(), barred: Vec::new() }
 }

@@ -3,7 +3,7 @@
 
 use super::backward;
 use super::evaluation::{Evaluation, RUNS};
-use super::exchange::{Exchanges, exchanges};
+use super::exchange::{Exchanges, Found, exchanges};
 use super::forward::{self, Rivals, Selection, Step};
 use super::standard_errors::settle_parameters;
 use crate::candidates::proposal::Proposal;
@@ -90,7 +90,9 @@ pub fn run_from(
         }
     }
     for _ in 0..MAX_EXCHANGES {
-        let Exchanges { best, as_good } = exchanges(measured, &before.camera, &found)?;
+        let so_far =
+            Found { model: &found.after, steps: &found.steps, confounded: &found.confounded };
+        let Exchanges { best, as_good } = exchanges(measured, &before.camera, so_far)?;
         let other = match best {
             Some((start, displaced)) => Some((search(start)?, displaced)),
             None => None,
