@@ -38,7 +38,7 @@ use std::process::ExitCode;
     [choice]                         # the optimum on that page\n  \
     best = \"snr_10_lux\"              # least light for an SNR of 10\n  \
     need = { mtf50_cycles_per_mm = 150 }\n\n  \
-    [random]                         # keys of the grid or of the camera file by chance\n  \
+    [random]                         # keys of the grid or of the camera file at random\n  \
     count = 200                      # draws per combination of the grid\n  \
     seed = 1\n  \
     [random.keys]\n  \

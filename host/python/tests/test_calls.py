@@ -36,7 +36,9 @@ def test_others_run_meanwhile(camera):
 
 
 LONG = """
-import camrig, sys
+import camrig, signal, sys
+# What starts tests in the background may have it ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 camera = camrig.Camera("mt9t012")
 print("begins", flush=True)
 try:

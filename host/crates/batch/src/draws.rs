@@ -60,7 +60,7 @@ impl Random {
     /// Checks every key.
     ///
     /// # Errors
-    /// No draws, empty choices, ranges that are none.
+    /// No draws, empty choices, invalid ranges.
     pub fn check(&self) -> Result<()> {
         if self.count == 0 {
             return Err(Error::input("count = 0").at("[random]").help("take at least one draw"));

@@ -25,8 +25,10 @@ const PIECE: f64 = 8.0;
 pub fn files(folder: &Path, picture: &Path) -> Result<Vec<PathBuf>> {
     let stem = picture.file_stem().unwrap_or_default().to_string_lossy();
     let beside = |ending| folder.join(format!("{stem}.{ending}"));
-    let found: Vec<PathBuf> =
-        ["json", "png"].map(beside).into_iter().filter(|path| path.is_file()).collect();
+    // A picture beside its labels is not its own mask.
+    let own = picture.canonicalize().ok();
+    let is_other = |path: &PathBuf| path.is_file() && path.canonicalize().ok() != own;
+    let found: Vec<PathBuf> = ["json", "png"].map(beside).into_iter().filter(is_other).collect();
     match found.is_empty() {
         true => Err(Error::input(format!("no labels of {}", picture.display())).help(format!(
             "{} has shapes (LabelMe), or the same name with .png a mask",

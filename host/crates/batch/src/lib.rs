@@ -42,6 +42,7 @@ use camrig_measure::dark_stack;
 use camrig_optics::{Device, Options};
 use camrig_render::places::Places;
 use camrig_render::{self as render, OpticsOutput, OpticsPath, OpticsStage, SimulatedSensor};
+use camrig_sensor_core::effects::Class;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::btree_map::Entry;
@@ -125,9 +126,9 @@ pub fn run(
             path: OpticsPath::Bands,
         };
         let view = optics_stage.run(&camera, |_, _| ())?;
-        for note in &view.notes {
+        for note in view.notes.iter().cloned().chain(of_clean(sweep, &camera)) {
             if told.insert(note.clone()) {
-                tell(note);
+                tell(&note);
             }
         }
         darks.take(sweep, &camera, &view, &missing)?;
@@ -186,6 +187,17 @@ impl Darks {
         }
         Ok(())
     }
+}
+
+/// What the expected signal of `[clean]` lacks of a camera's mean signal.
+fn of_clean(sweep: &Sweep, camera: &Camera) -> Option<String> {
+    sweep.clean.as_ref()?;
+    let entries = camera.effects.iter().map(|effect| effect.entry());
+    let bend: Vec<&str> =
+        entries.filter(|entry| entry.class == Class::Response).map(|entry| entry.kind).collect();
+    (!bend.is_empty()).then(|| {
+        format!("clean: the signal before {}, which change the mean of frames", bend.join(", "))
+    })
 }
 
 /// Dynamic range of each channel, dB, from two frames without light, of numbers that no picture of

@@ -26,7 +26,7 @@
 //! best = "snr_10_lux"         # of the figures, snr_10_lux and mtf50_cycles_per_mm
 //! need = { mtf50_cycles_per_mm = 150 }
 //!
-//! [random]                    # other keys of the grid, or of the camera file, by chance
+//! [random]                    # other keys of the grid, or of the camera file, at random
 //! count = 200                 # draws for each combination of the grid
 //! seed = 1
 //! [random.keys]
@@ -59,7 +59,7 @@ use camrig_render::Arithmetic;
 use camrig_scene::{self as scene, chart};
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Most cameras of a sweep. A trade: all of them are loaded and checked before the first picture
@@ -407,6 +407,7 @@ impl Sweep {
             return Err(Error::limit("a grid of too many pictures")
                 .help(format!("at most {MAX_PICTURES}; split it into several sweeps")));
         }
+        let mut labelled = BTreeSet::new();
         let cameras = self.cameras()?;
         for variant in &cameras {
             let camera = match Camera::load_with(&variant.spec, &variant.changes) {
@@ -450,6 +451,18 @@ impl Sweep {
                 match labels::files(folder, path_of(&scene.spec)) {
                     Ok(files) => scene.labels = files,
                     Err(e) => wrong.push(e.at("[labels]")),
+                }
+                if let Some(shared) = scene.labels.iter().find(|f| !labelled.insert((*f).clone()))
+                {
+                    wrong.push(
+                        Error::input(format!(
+                            "{} would be the labels of {:?} and of another scene",
+                            shared.display(),
+                            scene.name
+                        ))
+                        .at("[labels]")
+                        .help("give the scenes names of their own"),
+                    );
                 }
                 self.inputs.extend(scene.labels.iter().cloned());
             }

@@ -319,7 +319,7 @@ fn a_static_scene_tells_the_gain_without_flats() {
         )
     };
     let scene = |i: i32| {
-        let exposure = 0.002 * 2f64.powi(i);
+        let exposure = 0.002 * libm::pow(2.0, f64::from(i));
         format!(
             "[[stack]]\nid = \"scene-{i}\"\nrole = \"scene\"\nframes = 4\nscene = {{ scene = \"colorchecker\" }}\n\
              exposure_s = {exposure}\nlight = {{ illuminant = \"D65\", lux = 200 }}\n"

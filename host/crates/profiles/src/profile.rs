@@ -63,7 +63,7 @@ pub struct Profile {
     pub identity: BTreeMap<String, Vec<u16>>,
     /// Registers at power-on and after a reset, by the address of the first; others are 0.
     pub reset: BTreeMap<String, Vec<u16>>,
-    /// Ways to read out, and the registers that bring them about.
+    /// Readout modes, and the registers that select them.
     #[serde(default)]
     pub mode: Vec<Mode>,
 }
@@ -421,6 +421,9 @@ impl Profile {
     }
 }
 
+/// Largest code of a gain.
+const MAX_GAIN_CODE: u32 = 0xFFFF;
+
 impl Gain {
     fn check(&self) -> Result<()> {
         let [least, most] = self.codes;
@@ -433,11 +436,14 @@ impl Gain {
             Law::Ratio { .. } | Law::Doublings {} => true,
         };
         let positive = |code| self.factor(code) > 0.0 && self.factor(code).is_finite();
-        if least <= most && listed && positive(least) && positive(most) {
+        let few = most <= MAX_GAIN_CODE;
+        if least <= most && listed && few && (least..=most).all(positive) {
             return Ok(());
         }
-        Err(Error::input(format!("a gain {:?} of codes {least} to {most}", self.law))
-            .help("the least code comes first, and the law gives a gain above zero for all"))
+        Err(Error::input(format!("a gain {:?} of codes {least} to {most}", self.law)).help(
+            "the least code comes first, the most is 65535 at most, and the law gives a gain \
+                 above zero for all",
+        ))
     }
 
     /// The factor that a code means.

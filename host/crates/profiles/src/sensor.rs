@@ -45,7 +45,7 @@ pub struct Frame {
     pub exposure_s: f64,
     /// Gain before the converter.
     pub analog_gain: f64,
-    /// Gain of the numbers: whoever makes the frame multiplies by it.
+    /// Digital gain, to be applied by the caller.
     pub digital_gain: f64,
     /// From the beginning of this frame to that of the next, s.
     pub frame_s: f64,
@@ -152,24 +152,24 @@ impl Sensor {
         let bits = profile.register_bits;
         let lengths = self.in_force(timing.frame_length_delay);
         let clock_hz = profile.pixel_clock_hz(lengths);
-        let line_clocks = profile.length(&timing.line_length, lengths);
-        let frame_lines = profile.length(&timing.frame_length, lengths);
+        let line_clocks = u128::from(profile.length(&timing.line_length, lengths));
+        let frame_lines = u128::from(profile.length(&timing.frame_length, lengths));
         let exposing = self.in_force(exposure.delay);
         let read = |field: &Option<crate::Field>| {
-            u64::from(field.as_ref().map_or(0, |field| field.read(exposing, bits)))
+            u128::from(field.as_ref().map_or(0, |field| field.read(exposing, bits)))
         };
         // Exposure and frame length in clocks times `per_line`, whole numbers.
-        let per_line = u64::from(exposure.per_line);
-        let code = u64::from(exposure.field.read(exposing, bits).max(exposure.min));
+        let per_line = u128::from(exposure.per_line);
+        let code = u128::from(exposure.field.read(exposing, bits).max(exposure.min));
         let wanted = code * line_clocks + read(&exposure.fine) * per_line;
-        let margin = u64::from(exposure.margin) * line_clocks * per_line;
+        let margin = u128::from(exposure.margin) * line_clocks * per_line;
         let given = frame_lines * line_clocks * per_line;
         let (wanted, given) = match exposure.lengthens_frame {
             true => (wanted, given.max(wanted + margin)),
             false => (wanted.min(given.saturating_sub(margin)), given),
         };
         let shift = f64::from(1u32 << read(&exposure.shift).min(31));
-        let seconds = |clocks: u64| clocks as f64 * shift / (per_line as f64 * clock_hz);
+        let seconds = |clocks: u128| clocks as f64 * shift / (per_line as f64 * clock_hz);
         let now = self.in_force(1);
         let gain = |gain: &crate::Gain| profile.factor(gain, self.in_force(gain.delay));
         let pattern = profile.test_pattern.as_ref().and_then(|pattern| {

@@ -21,7 +21,9 @@ pub const CAMERA_TERMINAL: u8 = 1;
 pub const PROCESSING_UNIT: u8 = 2;
 const OUTPUT_TERMINAL: u8 = 3;
 /// The streaming endpoint: number 1, to the host.
-const STREAM_ENDPOINT: u8 = 0x81;
+/// The endpoint that images come from, to the host.
+pub const STREAM: u32 = 1;
+const STREAM_ENDPOINT: u8 = 0x80 | STREAM as u8;
 
 /// A pixel format.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,7 +60,7 @@ impl PixelFormat {
     }
 }
 
-/// Frame intervals, 100 ns: shortest, longest, and one line.
+/// Frame intervals, 100 ns: the shortest, the longest, and that at power-on.
 #[derive(Clone, Copy, Debug)]
 pub struct Intervals {
     pub min: u32,

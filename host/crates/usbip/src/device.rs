@@ -140,7 +140,11 @@ impl Device {
                     None => protocol::refused(submit.seq),
                 }
             }
-            Request::Submit(submit) if submit.is_in && self.waiting.len() < MAX_WAITING => {
+            Request::Submit(submit)
+                if submit.is_in
+                    && submit.endpoint == descriptors::STREAM
+                    && self.waiting.len() < MAX_WAITING =>
+            {
                 self.waiting.push_back((submit.seq, submit.length));
                 self.send()
             }
@@ -192,11 +196,11 @@ impl Device {
                 self.at = 0;
                 self.send()
             }
-            Taken::End => {
-                self.stream = None;
-                Vec::new()
+            Taken::End if self.is_wanted => {
+                self.stop();
+                self.waiting.drain(..).flat_map(|(seq, _)| protocol::ended(seq)).collect()
             }
-            Taken::Image(..) | Taken::Dropped(_) => Vec::new(),
+            Taken::Image(..) | Taken::Dropped(_) | Taken::End => Vec::new(),
         }
     }
 

@@ -20,6 +20,7 @@ const NO_PACKETS: [u32; 2] = [0, u32::MAX];
 /// Linux' errors in answers.
 const EPIPE: i32 = -32;
 const ECONNRESET: i32 = -104;
+const ESHUTDOWN: i32 = -108;
 
 /// What a host asks before it has attached a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -167,6 +168,12 @@ pub fn taken(seq: u32, length: u32) -> Vec<u8> {
 /// A transfer that the device refuses (STALL).
 pub fn refused(seq: u32) -> Vec<u8> {
     header([3, seq, 0, 0, 0, EPIPE as u32, 0])
+}
+
+/// The end of a transfer of a stream that is over, as of a device that is shut down: Linux lets the
+/// program that waits know.
+pub fn ended(seq: u32) -> Vec<u8> {
+    header([3, seq, 0, 0, 0, ESHUTDOWN as u32, 0])
 }
 
 /// The end of a request to forget a transfer, which was waiting or already over.

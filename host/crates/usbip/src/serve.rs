@@ -127,14 +127,33 @@ impl Drop for Attached<'_> {
 }
 
 impl Attachment {
-    /// Sends to the host, who is given up if it does not take it.
+    /// Sends to the host, who is given up if it does not take all of it in time.
     fn send(&mut self, bytes: &[u8]) {
         let Some(host) = &mut self.host else { return };
-        if host.write_all(bytes).is_err() {
+        if write(host, bytes).is_err() {
             // The thread that reads from it notices.
             let _ = host.shutdown(Shutdown::Both);
         }
     }
+}
+
+/// Writes all bytes within [`TO_TAKE`].
+fn write(to: &mut TcpStream, mut bytes: &[u8]) -> io::Result<()> {
+    let began = Instant::now();
+    while !bytes.is_empty() {
+        match to.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(n) => bytes = &bytes[n..],
+            Err(e) if [io::ErrorKind::WouldBlock, io::ErrorKind::TimedOut].contains(&e.kind()) => {
+            }
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+        if began.elapsed() > TO_TAKE {
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+    }
+    Ok(())
 }
 
 impl Shared {
@@ -182,7 +201,7 @@ impl Shared {
         stream.set_nonblocking(false)?;
         stream.set_nodelay(true)?;
         stream.set_read_timeout(Some(LOOK))?;
-        stream.set_write_timeout(Some(TO_TAKE))?;
+        stream.set_write_timeout(Some(LOOK))?;
         let mut header = [0; Operation::HEADER];
         self.read(&mut stream, &mut header, Some(TO_ASK))?;
         let device = descriptors::usbip();

@@ -189,7 +189,7 @@ fn the_fall_off_of_a_tuning_file_comes_back() {
     for line in found.tables[0].1.lines().skip(1) {
         let (field, ratio) = line.split_once(',').unwrap();
         let [field, ratio]: [f64; 2] = [field, ratio].map(|v| v.parse().unwrap());
-        let wanted = (1.0 + (tangent * field).powi(2)).powi(-2);
+        let wanted = (1.0 + (tangent * field).powi(2)).powi(2).recip();
         assert!((ratio / wanted - 1.0).abs() < 1e-3, "{field}: {ratio} for {wanted}");
     }
     assert!(found.notes[0].contains("0.74"), "{:?}", found.notes);

@@ -14,7 +14,7 @@ const GRID: [usize; 2] = [16, 12];
 /// Lines of a table of relative illumination.
 const FIELDS: usize = 17;
 /// Powers of the field in the law of the fall-off: even ones, as a lens is round.
-const POWERS: [i32; 4] = [0, 2, 4, 6];
+const POWERS: [f64; 4] = [0.0, 2.0, 4.0, 6.0];
 
 /// What PRNU adds to the slope of noise over the root of the mean, by which pixels of even patches
 /// differ: of a patch at half of the range, (1 + p² W/2) for a full well of W.
@@ -98,7 +98,7 @@ fn add_fall_off(found: &mut Imported, gains: &[f64], target: &str, beside: &Besi
     let size = beside.size.ok_or_else(|| {
         Error::input("a table of fall-off over the sensor").help("give its columns and rows")
     })?;
-    let law = |field: f64, j: usize| field.powi(POWERS[j]);
+    let law = |field: f64, j: usize| libm::pow(field, POWERS[j]);
     let fields: Vec<f64> = (0..gains.len()).map(|i| field(i, cells, size)).collect();
     let design = Matrix::from_fn(gains.len(), POWERS.len(), |i, j| law(fields[i], j));
     let target = Vector::from_fn(gains.len(), |i, _| gains[i].recip());
