@@ -247,6 +247,13 @@ fn what_cannot_be_drawn_or_labelled_is_refused() {
     refused("noise.read_e", "noise.raed_e", "raed_e");
     refused("exposure_s = 0.02", "exposure_s = 0.02\nlux = 3", "give it once");
     refused("exposure_s = 0.02", "", "no exposure_s");
+    // Two pictures of one name, and pictures beside their labels: none is the mask of itself.
+    std::fs::create_dir(dir.join("more")).unwrap();
+    std::fs::copy(dir.join("photos/1.png"), dir.join("more/1.png")).unwrap();
+    let two = "scene = { choice = [\"photos/1.png\", \"more/1.png\"] }";
+    let line = SWEEP.lines().find(|l| l.contains("photos/*.png")).unwrap();
+    refused(line, two, "and of another scene");
+    refused("\"labels\"", "\"photos\"", "no labels of");
     // A mask of another picture.
     std::fs::write(dir.join("labels/1.json"), "{\"imageWidth\": 5, \"imageHeight\": 5}").unwrap();
     let output = camrig(dir, "batch sweep.toml -o set --no-cache");

@@ -170,10 +170,10 @@ pub enum Law {
         /// c1.
         c1: i32,
     },
-    /// Two for each bit that is set above the lowest four, times 1 + c[3:0] / 16 (OmniVision).
+    /// Two for each bit that is set above the lowest four, times 1 + (c mod 16)/16 (OmniVision).
     Doublings {},
-    /// By c[6:4] a factor and a step; with f = c[3:0] rounded down to whole steps, factor / (1 - f
-    /// / 32) (onsemi).
+    /// By ⌊c/16⌋ a factor and a step; with f = c mod 16 rounded down to whole steps, factor/(1 -
+    /// f/32) (onsemi).
     CoarseFine {
         /// Factors.
         factors: Vec<f64>,
@@ -475,6 +475,22 @@ mod tests {
 
     fn gain(profile: &str, code: u32) -> f64 {
         Profile::builtin(profile).unwrap().analog_gain.factor(code)
+    }
+
+    #[test]
+    fn a_gain_is_above_zero_at_every_code_or_refused() {
+        let built_in = BUILTIN.iter().find(|(name, _)| *name == "imx219").unwrap().1;
+        let law = "{ m0 = 0, c0 = 256, m1 = -1, c1 = 256 }";
+        let with = |law: &str, codes: &str| {
+            let text = built_in
+                .replacen("{ m0 = 0, c0 = 256, m1 = -1, c1 = 256 }", law, 1)
+                .replacen("codes = [0, 232]", codes, 1);
+            Profile::parse(&text)
+        };
+        assert!(with(law, "codes = [0, 232]").is_ok());
+        // 0.5 and 2 at the ends, infinite in between.
+        let between = "{ m0 = 1, c0 = -100, m1 = 1, c1 = -200 }";
+        assert!(with(between, "codes = [0, 300]").is_err());
     }
 
     /// Values by hand from the laws in the data sheets and Linux' drivers.
