@@ -1,7 +1,7 @@
 //! Data sets for training: noisy frames with their expected signal and the labels of the
 //! photographs, drawn at random, in files and in tar files.
 
-use super::{camrig, camrig_ok, small_camera};
+use super::{batch, camrig, camrig_ok, small_camera};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -90,26 +90,18 @@ fn folder() -> tempfile::TempDir {
 
 /// Every file below a folder with its bytes, and every member of a tar file as if it were one.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let mut all = BTreeMap::new();
-    for entry in std::fs::read_dir(folder).into_iter().flatten() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        if path.is_dir() {
-            all.extend(files(&path).into_iter().map(|(k, v)| (format!("{name}/{k}"), v)));
-            continue;
+    let mut all = batch::files(folder);
+    let mut members = BTreeMap::new();
+    for (name, bytes) in all.iter().filter(|(name, _)| name.ends_with(".tar")) {
+        for member in tar::Archive::new(&bytes[..]).entries().unwrap() {
+            let mut member = member.unwrap();
+            let mut content = Vec::new();
+            member.read_to_end(&mut content).unwrap();
+            let inside = member.path().unwrap().to_string_lossy().into_owned();
+            members.insert(format!("{name}/{inside}"), content);
         }
-        let bytes = std::fs::read(&path).unwrap();
-        if name.ends_with(".tar") {
-            for member in tar::Archive::new(&bytes[..]).entries().unwrap() {
-                let mut member = member.unwrap();
-                let mut content = Vec::new();
-                member.read_to_end(&mut content).unwrap();
-                let inside = member.path().unwrap().to_string_lossy().into_owned();
-                all.insert(format!("{name}/{inside}"), content);
-            }
-        }
-        all.insert(name, bytes);
     }
+    all.extend(members);
     all
 }
 

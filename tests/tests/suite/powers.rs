@@ -1,6 +1,7 @@
 //! Powers have the same bits on every system: `powi` with a positive number in the source is a
 //! chain of multiplications, with a variable a call whose order of multiplication differs from
-//! system to system, with a negative number one that inverts first or last. Clippy cannot tell them apart (`clippy.toml` forbids the elementary functions).
+//! system to system, with a negative number one that inverts first or last. Clippy cannot tell
+//! them apart (`clippy.toml` forbids the elementary functions).
 
 use std::path::Path;
 

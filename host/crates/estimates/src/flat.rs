@@ -177,21 +177,16 @@ fn row_logarithms(frames: &[Vec<f64>], width: usize) -> (Vec<Vec<f64>>, Vec<f64>
     let height = means[0].len();
     let average = |y: usize| means.iter().map(|frame| frame[y]).sum::<f64>() / means.len() as f64;
     let average: Vec<f64> = (0..height).map(average).collect();
-    let mut levels = Vec::new();
-    let lines = means.iter().map(|frame| {
-        let line: Vec<f64> = frame.iter().zip(&average).map(|(v, a)| libm::log(v / a)).collect();
-        let level = line.iter().sum::<f64>() / height as f64;
-        levels.push(level);
-        line.iter().map(|v| v - level).collect()
-    });
-    (lines.collect(), levels)
+    let of_frame = |frame: &Vec<f64>| {
+        less_mean(frame.iter().zip(&average).map(|(v, a)| libm::log(v / a)).collect())
+    };
+    means.iter().map(of_frame).unzip()
 }
 
-/// Logarithms less their mean.
-fn logarithms(light: &[f64]) -> Vec<f64> {
-    let line: Vec<f64> = light.iter().map(|v| libm::log(v.max(1e-6))).collect();
-    let level = mean(&line).value;
-    line.iter().map(|v| v - level).collect()
+/// A line less its mean, and the mean.
+fn less_mean(line: Vec<f64>) -> (Vec<f64>, f64) {
+    let level = line.iter().sum::<f64>() / line.len() as f64;
+    (line.iter().map(|v| v - level).collect(), level)
 }
 
 impl Flicker {
@@ -417,7 +412,10 @@ impl SiteMaps {
             dof: n - 1.0,
             defective_rows: rows.iter().map(|y| (*y, 1.0 + departures[*y])).collect(),
             gains: [relative(gain_of(|i| i % 2 == 0)), relative(gain_of(|i| i % 2 == 1))],
-            lines: light.iter().map(|of_frame| logarithms(of_frame)).collect(),
+            lines: light
+                .iter()
+                .map(|rows| less_mean(rows.iter().map(|v| libm::log(v.max(1e-6))).collect()).0)
+                .collect(),
         }
     }
 

@@ -3,7 +3,8 @@
 //!
 //! **Control.** Who writes the control register holds the device until it writes 0 there, or is
 //! silent for longer than the heartbeat. What others write is refused; they may read, unless the
-//! holder wrote exclusive control. Any command of the holder is a sign of life. With control the acquisition ends.
+//! holder wrote exclusive control. Any command of the holder is a sign of life. With control the
+//! acquisition ends.
 
 use crate::acquisition::{Acquisition, Start};
 use crate::camera::{Order, Region, STUCK_COUNTER, Sensor, Taken, Timing};
