@@ -3,7 +3,7 @@
 
 use super::estimate::fitted;
 use super::evaluation::{Evaluation, RUNS_ON_THE_WAY};
-use super::forward::{RIVAL_MARGIN, Rivals, Selection, Step, step};
+use super::forward::{Found, RIVAL_MARGIN, Rivals, Selection, Step};
 use super::trial::Trial;
 use crate::candidates::proposal::with_all;
 use crate::measured::Measured;
@@ -12,14 +12,6 @@ use camrig_camera::Camera;
 
 /// Fraction of the winner's evidence from which a rival of its round is tried in its place.
 const CLOSE_RIVAL: f64 = 0.5;
-
-/// What a search has found so far.
-#[derive(Clone, Copy)]
-pub(super) struct Found<'a> {
-    pub model: &'a Evaluation,
-    pub steps: &'a [Step],
-    pub confounded: &'a [Rivals],
-}
 
 /// What the rivals of named effects come to in their places.
 #[derive(Default)]
@@ -50,7 +42,8 @@ pub(super) fn exchanges(
             }
             if other.deviance() < least {
                 least = other.deviance();
-                out.best = Some((selection(measured, found, &own, other, (step, rival)), taken));
+                let exchanged = Selection::exchanged(measured, found, &own, other, (step, rival));
+                out.best = Some((exchanged, taken));
             }
         }
     }
@@ -76,22 +69,4 @@ fn with_rival(
     rival.proposal.clone().join(&mut named);
     // With as many replicates: more of them make every deviation larger.
     fitted(measured, with_all(base, &named), named, RUNS_ON_THE_WAY)
-}
-
-/// The selection after an exchange, from which the search goes on.
-fn selection(
-    measured: &Measured,
-    found: Found<'_>,
-    own: &Evaluation,
-    model: Evaluation,
-    (displaced, rival): (&Step, &Trial),
-) -> Selection {
-    let kind = displaced.trial.proposal.kind;
-    let mut others = displaced.others.clone();
-    others.retain(|t| t.proposal.kind != rival.proposal.kind);
-    others.insert(0, displaced.trial.clone());
-    let mut steps = found.steps.to_vec();
-    steps.retain(|s| s.trial.proposal.kind != kind);
-    steps.push(step(&measured.holdout, own, &model, rival.clone(), others));
-    Selection { model, steps, confounded: found.confounded.to_vec(), barred: Vec::new() }
 }

@@ -104,6 +104,33 @@ impl Selection {
     pub(super) fn empty(model: Evaluation) -> Self {
         Self { model, steps: Vec::new(), confounded: Vec::new(), barred: Vec::new() }
     }
+
+    /// What was found, with a rival in the place of an effect that it had lost to: the search goes
+    /// on from there. `own` is the model with that effect, `model` the one with the rival.
+    pub(super) fn exchanged(
+        measured: &Measured,
+        found: Found<'_>,
+        own: &Evaluation,
+        model: Evaluation,
+        (displaced, rival): (&Step, &Trial),
+    ) -> Self {
+        let kind = displaced.trial.proposal.kind;
+        let mut others = displaced.others.clone();
+        others.retain(|t| t.proposal.kind != rival.proposal.kind);
+        others.insert(0, displaced.trial.clone());
+        let mut steps = found.steps.to_vec();
+        steps.retain(|s| s.trial.proposal.kind != kind);
+        steps.push(step(&measured.holdout, own, &model, rival.clone(), others));
+        Self { model, steps, confounded: found.confounded.to_vec(), barred: Vec::new() }
+    }
+}
+
+/// What a search has found so far.
+#[derive(Clone, Copy)]
+pub(super) struct Found<'a> {
+    pub model: &'a Evaluation,
+    pub steps: &'a [Step],
+    pub confounded: &'a [Rivals],
 }
 
 /// The effects that stand out by their own evidence, put in together. Where they do harm, or explain

@@ -3,8 +3,8 @@
 
 use super::backward;
 use super::evaluation::{Evaluation, RUNS};
-use super::exchange::{Exchanges, Found, exchanges};
-use super::forward::{self, Rivals, Selection, Step};
+use super::exchange::{Exchanges, exchanges};
+use super::forward::{self, Found, Rivals, Selection, Step};
 use super::standard_errors::settle_parameters;
 use crate::candidates::proposal::Proposal;
 use crate::finding::Finding;
