@@ -38,6 +38,23 @@ sigma_e = 1.0
 """
 
 
+PLAN = """
+format = "plan/1"
+[[stack]]
+id = "dark"
+role = "dark"
+frames = 8
+exposure_s = [0.001, 0.01]
+[[stack]]
+id = "flat"
+role = "flat"
+frames = 8
+exposure_s = 0.01
+fill = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]
+light = { wavelength_nm = 550.0 }
+"""
+
+
 @pytest.fixture
 def camera_file(tmp_path):
     path = tmp_path / "small.toml"
@@ -63,3 +80,11 @@ def program(tmp_path):
         return done.stdout
 
     return run
+
+
+@pytest.fixture
+def folder(camera_file, program, tmp_path):
+    """A capture set of the camera: darks and flats."""
+    (tmp_path / "plan.toml").write_text(PLAN)
+    program("capture", "--camera", "small.toml", "--plan", "plan.toml", "-o", "set")
+    return tmp_path / "set"

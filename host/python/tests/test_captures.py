@@ -10,30 +10,6 @@ import camrig
 # DN per electron: the codes over the full well.
 GAIN = 1023 / 5000
 
-PLAN = """
-format = "plan/1"
-[[stack]]
-id = "dark"
-role = "dark"
-frames = 8
-exposure_s = [0.001, 0.01]
-[[stack]]
-id = "flat"
-role = "flat"
-frames = 8
-exposure_s = 0.01
-fill = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]
-light = { wavelength_nm = 550.0 }
-"""
-
-
-@pytest.fixture
-def folder(camera_file, program, tmp_path):
-    (tmp_path / "plan.toml").write_text(PLAN)
-    program("capture", "--camera", "small.toml", "--plan", "plan.toml", "-o", "set")
-    return tmp_path / "set"
-
-
 @pytest.fixture
 def arrays(folder):
     """The set as arrays with the conditions of its manifest."""
