@@ -10,6 +10,7 @@
 //! - [`mod@serve`]: reads packets from an `embedded_io` link and writes the answers;
 //! - [`rig`]: what a rig holds between frames: its camera and the frame's settings;
 //! - [`running`]: a frame in progress: spectral rows in, raw rows out;
+//! - [`raw_row`]: how a raw row lies in bytes;
 //! - [`camera`]: a camera as bytes on the link.
 //!
 //! # Example
@@ -46,10 +47,11 @@ pub use {camrig_rig_link as rig_link, camrig_sensor_core as sensor_core};
 
 pub mod camera;
 pub mod memory;
+pub mod raw_row;
 pub mod rig;
 pub mod running;
 pub mod serve;
 
-pub use memory::{Memory, RowMemory};
+pub use memory::{CaptureMemory, Memory, RowMemory};
 pub use rig::Rig;
 pub use serve::{Buffers, Dispatch, Plain, ServeError, serve, serve_rig};

@@ -1,5 +1,6 @@
 //! Memory of a rig, which the firmware lays out: its sizes are the rig's limits.
 
+pub use crate::camera::CaptureMemory;
 #[cfg(feature = "fixed")]
 use camrig_sensor_core::arith::Fixed;
 #[cfg(feature = "float")]
@@ -24,7 +25,8 @@ pub struct RowMemory<'m, A: Arith> {
 }
 
 /// Memory of a rig; its sizes are the rig's limits. It computes in the arithmetics that it has rows
-/// for.
+/// for. A camera of several captures has that of rows in equal parts, and takes so many times as
+/// much of it.
 #[non_exhaustive]
 pub struct Memory<'m> {
     /// Rows for [`camrig_rig_link::message::NumberFormat::F32`].
@@ -34,20 +36,23 @@ pub struct Memory<'m> {
     #[cfg(feature = "fixed")]
     pub fixed: Option<RowMemory<'m, Fixed>>,
     /// Mantissas of the band that is arriving, and the DN of the row that is being sent. One per
-    /// pixel.
+    /// pixel and capture.
     pub mantissas: &'m mut [u16],
     /// Exponents of the band that is arriving, [`groups`](camrig_sensor_core::spectral::groups) of
     /// the width.
     pub exponents: &'m mut [i8],
     /// The crosstalk table: nodes of its three axes and all factors.
     pub crosstalk: &'m mut [f32],
+    /// For the captures of a camera after its first.
+    pub captures: &'m mut [CaptureMemory],
     /// Largest number of bands of a row.
     pub max_bands: u16,
 }
 
 impl<'m> Memory<'m> {
     /// Memory for bands, the crosstalk table and `max_bands` bands; rows are added for each
-    /// arithmetic ([`Memory::with_float`], [`Memory::with_fixed`]).
+    /// arithmetic ([`Memory::with_float`], [`Memory::with_fixed`]), and captures after the first
+    /// ([`Memory::with_captures`]).
     pub const fn new(
         mantissas: &'m mut [u16],
         exponents: &'m mut [i8],
@@ -62,8 +67,15 @@ impl<'m> Memory<'m> {
             mantissas,
             exponents,
             crosstalk,
+            captures: &mut [],
             max_bands,
         }
+    }
+
+    /// The same for cameras of several captures: one more than there is memory for here.
+    #[must_use]
+    pub fn with_captures(self, captures: &'m mut [CaptureMemory]) -> Self {
+        Self { captures, ..self }
     }
 
     /// The same with rows for f32.

@@ -2,14 +2,15 @@
 
 use crate::camera::CameraStore;
 use crate::memory::{Memory, UNIT_BYTES};
+use crate::raw_row::RawRow;
 use crate::running::{self, AnyRunning, Frame, MAX_RING};
 use camrig_rig_link::device::{Begun, Model, RowSink};
 use camrig_rig_link::message::*;
-use camrig_rig_link::packing::Packing;
 use camrig_rig_link::registers::Registers;
 use camrig_sensor_core::arith::blocks;
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::effects::{Effect, Needs};
+use camrig_sensor_core::hdr::{MAX_CAPTURES, Readout};
 use camrig_sensor_core::pipeline::memory_blocks;
 use camrig_sensor_core::spectral::{GROUP, groups};
 
@@ -25,7 +26,8 @@ pub struct Rig<'m> {
 impl<'m> Rig<'m> {
     /// A rig without a camera. `firmware`: name and version, at most 40 bytes.
     pub fn new(firmware: &'static str, mut memory: Memory<'m>) -> Self {
-        let camera = CameraStore::new(core::mem::take(&mut memory.crosstalk));
+        let captures = core::mem::take(&mut memory.captures);
+        let camera = CameraStore::new(core::mem::take(&mut memory.crosstalk), captures);
         Self { firmware, camera, frame: None, memory, sink: None }
     }
 
@@ -46,7 +48,7 @@ impl<'m> Rig<'m> {
     ) -> Option<(AnyRunning<'_>, Option<&mut (dyn RowSink + Send + 'm)>)> {
         let frame = self.frame.as_mut()?;
         let (camera, memory) = (&self.camera, &mut self.memory);
-        let running = AnyRunning::new(camera.config()?, camera.crosstalk(), frame, memory)?;
+        let running = AnyRunning::new(camera, frame, memory)?;
         Some((running, self.sink.as_deref_mut()))
     }
 
@@ -76,22 +78,55 @@ pub fn halo(config: &SensorConfig) -> usize {
     config.effects.iter().filter(|e| e.entry().needs == Needs::Neighbours).count()
 }
 
-/// Sizes on the link of a frame of this camera; `None` if they exceed the number range of the
-/// link. Host and device both compute them and compare.
-pub fn frame_shape(config: &SensorConfig, codec: Codec, raw_bits: u8) -> Option<FrameShape> {
-    let width = config.width as usize;
-    let bands = match codec {
-        Codec::Bfp16 => usize::from(config.bands),
-        Codec::Electrons16 => 1,
-        _ => return None,
-    };
-    Some(FrameShape {
-        rows: u16::try_from(config.height).ok()?,
-        units: u16::try_from(groups(width) * bands).ok()?,
-        unit_bytes: UNIT_BYTES as u16,
-        raw_bytes: u16::try_from(Packing::of_bits(raw_bits.into())?.row_bytes(width)).ok()?,
-        halo: u8::try_from(halo(config)).ok()?,
-    })
+/// What the sizes of a camera's frames on the link follow from.
+#[derive(Clone, Debug)]
+pub struct Sensor<'c> {
+    /// Its captures, at least one.
+    pub captures: heapless::Vec<&'c SensorConfig, MAX_CAPTURES>,
+    /// What is made of several.
+    pub readout: Option<&'c Readout>,
+}
+
+impl Sensor<'_> {
+    /// Number of rows above and below that a raw row depends on.
+    pub fn halo(&self) -> usize {
+        self.captures.iter().map(|config| halo(config)).max().unwrap_or(0)
+    }
+
+    /// How its raw rows lie in bytes with so many bits per sample; `None` where they cannot.
+    pub fn raw_row(&self, bits: u8) -> Option<RawRow> {
+        RawRow::new(bits, self.captures.iter().map(|config| config.bits).max()?, self.readout)
+    }
+
+    /// How many lights the bands of a spectral row belong to: 1 that all captures see, or one of
+    /// each capture; `None` where it is neither.
+    pub fn lights(&self, codec: Codec, bands: u16) -> Option<usize> {
+        let of_one = match codec {
+            Codec::Bfp16 => usize::from(self.captures.first()?.bands),
+            Codec::Electrons16 => 1,
+            _ => return None,
+        };
+        // Electrons are those of one response.
+        let shared = codec == Codec::Bfp16 || self.captures.len() == 1;
+        [1, self.captures.len()]
+            .into_iter()
+            .find(|n| usize::from(bands) == n * of_one && (shared || *n > 1))
+    }
+
+    /// Sizes on the link of a frame with so many bands in a spectral row, and so many bits in a raw
+    /// sample; `None` if they exceed the number range of the link. Host and device both compute
+    /// them and compare.
+    pub fn frame_shape(&self, bands: u16, raw_bits: u8) -> Option<FrameShape> {
+        let config = self.captures.first()?;
+        let width = config.width as usize;
+        Some(FrameShape {
+            rows: u16::try_from(config.height).ok()?,
+            units: u16::try_from(groups(width) * usize::from(bands)).ok()?,
+            unit_bytes: UNIT_BYTES as u16,
+            raw_bytes: u16::try_from(self.raw_row(raw_bits)?.bytes(width)).ok()?,
+            halo: u8::try_from(self.halo()).ok()?,
+        })
+    }
 }
 
 impl Model for Rig<'_> {
@@ -115,7 +150,10 @@ impl Model for Rig<'_> {
             max_bands: self.memory.max_bands,
             max_camera: self.camera.max_bytes(),
             arithmetics: bit(NumberFormat::F32) | bit(NumberFormat::Fixed),
-            codecs: 1 << Codec::Bfp16 as u8 | 1 << Codec::Electrons16 as u8 | WIDE_GROUPS,
+            codecs: 1 << Codec::Bfp16 as u8
+                | 1 << Codec::Electrons16 as u8
+                | WIDE_GROUPS
+                | if self.camera.max_captures() > 1 { SEVERAL_CAPTURES } else { 0 },
             memory_bytes: memory_bytes as u32,
             effects: Effect::CATALOGUE.iter().map(|entry| entry.id).collect(),
             camera: 0,
@@ -131,10 +169,15 @@ impl Model for Rig<'_> {
         self.camera.end()?;
         let config = self.camera.config().ok_or(Refusal::BadCamera)?;
         // The charge of all pixels would have to be kept from frame to frame.
-        if config.effects.iter().any(|e| e.entry().needs == Needs::EarlierFrames) {
+        let mut effects = self.camera.captures().flat_map(|capture| &capture.config.effects);
+        if effects.any(|e| e.entry().needs == Needs::EarlierFrames) {
             return Err(Refusal::Effects);
         }
-        let max = self.max_width();
+        // Captures have the memory of rows in equal parts, of whole groups.
+        let max = match self.camera.captures().count() {
+            0 | 1 => self.max_width(),
+            n => self.max_width() / n / GROUP * GROUP,
+        };
         if config.width as usize > max {
             return Err(Refusal::TooWide { max: max as u16 });
         }
@@ -159,19 +202,19 @@ impl Model for Rig<'_> {
     ) -> Result<Begun, Refusal> {
         self.frame = None;
         let config = self.camera.config().ok_or(Refusal::NoCamera)?;
-        let width = config.width as usize;
+        let captures = self.camera.captures().map(|capture| capture.config);
+        let sensor = Sensor { captures: captures.collect(), readout: self.camera.readout() };
+        let (width, count) = (config.width as usize, sensor.captures.len());
         let whole = u32::from(frame.width) == config.width
             && u32::from(frame.rows) == config.height
-            && (frame.codec == Codec::Electrons16 || frame.bands == u16::from(config.bands));
-        if !whole || width > self.max_width() || frame.bands > self.memory.max_bands {
-            return Err(Refusal::WrongShape);
-        }
-        if frame.raw_bits < config.bits {
-            return Err(Refusal::Packing);
-        }
-        let shape = frame_shape(config, frame.codec, frame.raw_bits).ok_or(Refusal::Packing)?;
-        let ring = 2 * halo(config) + 1;
-        let needed = ring * blocks(width) + memory_blocks(config);
+            && groups(width) * count <= self.max_width().div_ceil(GROUP);
+        let lights = sensor.lights(frame.codec, frame.bands).filter(|_| whole);
+        let lights = lights.ok_or(Refusal::WrongShape)?;
+        let raw_row = sensor.raw_row(frame.raw_bits).ok_or(Refusal::Packing)?;
+        let shape = sensor.frame_shape(frame.bands, frame.raw_bits).ok_or(Refusal::Packing)?;
+        let ring = 2 * sensor.halo() + 1;
+        let chains = sensor.captures.iter().map(|config| memory_blocks(config)).sum::<usize>();
+        let needed = count * ring * blocks(width) + chains;
         let there = self.row_blocks(frame.arithmetic).ok_or(Refusal::Arithmetic)?;
         if ring > MAX_RING || needed > there {
             return Err(Refusal::Effects);
@@ -184,6 +227,9 @@ impl Model for Rig<'_> {
             settings = settings.after_exposure(exposure_s);
         }
         settings.check().map_err(|_| Refusal::Exposure)?;
+        for ratios in sensor.readout.iter().flat_map(|readout| &readout.ratios) {
+            ratios.settings(&settings).check().map_err(|_| Refusal::Exposure)?;
+        }
         let seed = config.seed;
         #[cfg(feature = "defmt")]
         defmt::info!(
@@ -192,7 +238,7 @@ impl Model for Rig<'_> {
             settings.exposure_s,
             settings.analog_gain
         );
-        self.frame = Some(Frame::new(*frame, settings, shape, registers));
+        self.frame = Some(Frame::new(*frame, settings, &shape, (lights, raw_row), registers));
         Ok(Begun::new(shape, seed))
     }
 

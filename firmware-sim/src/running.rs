@@ -2,21 +2,23 @@
 //!
 //! Bands are added one after the other, in their order, to the sums of the row that is arriving,
 //! so a rig stores one band and not a spectral row. The mean photo-electrons of complete rows are
-//! kept in a ring of as many rows as one raw row depends on.
+//! kept in a ring of as many rows as one raw row depends on. A camera of several captures has sums
+//! and a ring for each.
 
+use crate::camera::{CameraStore, Capture};
 use crate::memory::{Memory, RowMemory, UNIT_BYTES};
+use crate::raw_row::RawRow;
 use camrig_rig_link::message::*;
-use camrig_rig_link::packing::{Packing, pack_row};
 use camrig_rig_link::registers::{Registers, address};
 #[cfg(feature = "fixed")]
 use camrig_sensor_core::arith::Fixed;
 #[cfg(feature = "float")]
 use camrig_sensor_core::arith::Float;
 use camrig_sensor_core::arith::{Arith, BLOCK, Block, blocks};
-use camrig_sensor_core::collect::{Collector, Sums};
+use camrig_sensor_core::collect::{Collector, Exposed, Sums};
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
-use camrig_sensor_core::crosstalk::Crosstalk;
-use camrig_sensor_core::pipeline::{MeanRows, Pipeline};
+use camrig_sensor_core::hdr::{MAX_CAPTURES, Readout};
+use camrig_sensor_core::pipeline::{MeanRows, Pipeline, memory_blocks};
 use camrig_sensor_core::spectral::{BandRow, GROUP, groups};
 
 /// Largest number of rows of the ring: for two effects that read their neighbours.
@@ -31,6 +33,9 @@ pub struct Frame {
     begin: FrameBegin,
     settings: FrameSettings,
     halo: usize,
+    /// Lights of a spectral row: 1, or one for each capture.
+    lights: usize,
+    raw_row: RawRow,
     test_pattern: u16,
     test_data: u16,
 }
@@ -39,7 +44,8 @@ impl Frame {
     pub(crate) fn new(
         begin: FrameBegin,
         settings: FrameSettings,
-        shape: FrameShape,
+        shape: &FrameShape,
+        (lights, raw_row): (usize, RawRow),
         registers: &Registers,
     ) -> Self {
         let read = |address| registers.read(address).unwrap_or(0) as u16;
@@ -47,6 +53,8 @@ impl Frame {
             begin,
             settings,
             halo: shape.halo.into(),
+            lights,
+            raw_row,
             test_pattern: read(address::TEST_PATTERN),
             test_data: read(address::TEST_DATA),
         }
@@ -87,49 +95,125 @@ impl<A: Arith> MeanRows<A> for Ring<'_, A::Signal> {
     }
 }
 
-/// A frame in progress, in one arithmetic.
-pub struct Running<'r, A: Arith> {
-    frame: &'r Frame,
+/// One capture of a frame in progress.
+struct Chain<'r, A: Arith> {
     config: &'r SensorConfig,
-    collector: Collector<'r, A>,
+    exposed: Exposed<'r>,
+    exposure_s: f32,
     pipeline: Pipeline<'r, A>,
     ring: Ring<'r, A::Signal>,
     sums: &'r mut [Sums<A::Sum>],
+}
+
+/// A frame in progress, in one arithmetic.
+pub struct Running<'r, A: Arith> {
+    frame: &'r Frame,
+    readout: Option<&'r Readout>,
+    collector: Collector<'r, A>,
+    chains: heapless::Vec<Chain<'r, A>, MAX_CAPTURES>,
+    width: usize,
+    /// Bands of a light.
+    bands: usize,
+    /// Of a row of all captures; a band takes the first of it.
     mantissas: &'r mut [u16],
     exponents: &'r mut [i8],
 }
 
+/// The first `count` of a memory, which it loses.
+fn take<'r, T>(memory: &mut &'r mut [T], count: usize) -> Option<&'r mut [T]> {
+    let (taken, rest) = core::mem::take(memory).split_at_mut_checked(count)?;
+    *memory = rest;
+    Some(taken)
+}
+
+impl<'r, A: Arith> Chain<'r, A> {
+    /// The chain of a capture, which takes its memory from the beginning of these.
+    fn new(
+        capture: Capture<'r>,
+        frame: &Frame,
+        settings: &FrameSettings,
+        rows: &mut &'r mut [Block<A::Signal>],
+        sums: &mut &'r mut [Sums<A::Sum>],
+    ) -> Option<Self> {
+        let Capture { config, crosstalk } = capture;
+        let width = config.width as usize;
+        let len = blocks(width);
+        let ring = take(rows, (2 * frame.halo + 1) * len)?;
+        let memory = take(rows, memory_blocks(config))?;
+        Some(Self {
+            config,
+            exposed: Exposed::new(config, settings, crosstalk).ok()?,
+            exposure_s: settings.exposure_s,
+            pipeline: Pipeline::new(config, settings, memory).ok()?,
+            ring: Ring { rows: ring, len, lit_before: frame.begin.before != Before::Dark },
+            sums: take(sums, groups(width))?,
+        })
+    }
+
+    /// Adds a band of a row of the light that the capture sees.
+    #[inline(always)]
+    fn add_band(
+        &mut self,
+        collector: &mut Collector<'r, A>,
+        codec: Codec,
+        (row, band): (u32, usize),
+        groups: impl Iterator<Item = (i8, impl core::borrow::Borrow<[u16; GROUP]>)>,
+    ) {
+        if codec == Codec::Bfp16 {
+            collector.turn_to(&self.exposed);
+            collector.add_groups(row, band, groups, self.sums);
+        } else {
+            collector.add_rates(groups, self.exposure_s, self.sums);
+        }
+    }
+
+    /// Puts the row that has just become complete into the ring.
+    #[inline(always)]
+    fn keep(&mut self, row: u32) {
+        let slot = self.ring.slot(row);
+        for (mean, sum) in slot.as_flattened_mut().iter_mut().zip(self.sums.as_flattened()) {
+            *mean = A::collected(*sum);
+        }
+    }
+}
+
 impl<'r, A: Arith> Running<'r, A> {
     fn new(
-        config: &'r SensorConfig,
-        crosstalk: Option<Crosstalk<'r>>,
+        camera: &'r CameraStore<'_>,
         frame: &'r Frame,
-        rows: &'r mut RowMemory<'_, A>,
+        memory: &'r mut RowMemory<'_, A>,
         mantissas: &'r mut [u16],
         exponents: &'r mut [i8],
     ) -> Option<Self> {
-        let width = config.width as usize;
-        let len = blocks(width);
-        let (ring, memory) = rows.rows.split_at_mut_checked((2 * frame.halo + 1) * len)?;
+        let (mut rows, mut sums) = (&mut *memory.rows, &mut *memory.sums);
+        let readout = camera.readout();
+        let mut chains = heapless::Vec::new();
+        for (i, capture) in camera.captures().enumerate() {
+            let ratios = readout.and_then(|readout| readout.ratios.get(i));
+            let settings = ratios.map_or(frame.settings, |own| own.settings(&frame.settings));
+            let chain = Chain::new(capture, frame, &settings, &mut rows, &mut sums)?;
+            chains.push(chain).ok()?;
+        }
+        let first: &Chain<'_, A> = chains.first()?;
+        let width = first.config.width as usize;
         Some(Self {
             frame,
-            config,
-            collector: Collector::new(config, &frame.settings, crosstalk).ok()?,
-            pipeline: Pipeline::new(config, &frame.settings, memory).ok()?,
-            ring: Ring { rows: ring, len, lit_before: frame.begin.before != Before::Dark },
-            sums: rows.sums.get_mut(..groups(width))?,
-            mantissas: mantissas.get_mut(..width)?,
+            readout,
+            collector: Collector::of(first.exposed.clone()),
+            width,
+            bands: usize::from(frame.begin.bands) / frame.lights,
+            mantissas: mantissas.get_mut(..width * chains.len())?,
             exponents: exponents.get_mut(..groups(width))?,
+            chains,
         })
     }
 
     #[inline(always)]
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
         let groups = self.exponents.len();
-        let in_bands = self.frame.begin.codec == Codec::Bfp16;
-        let bands = if in_bands { usize::from(self.config.bands) } else { 1 };
+        let bands = usize::from(self.frame.begin.bands);
         if first == 0 {
-            self.sums.fill([A::Sum::default(); GROUP]);
+            self.clear();
         }
         let (mut at, mut units) = (usize::from(first), units.as_chunks::<UNIT_BYTES>().0);
         while !units.is_empty() {
@@ -137,12 +221,19 @@ impl<'r, A: Arith> Running<'r, A> {
             let (band, group) = (at / groups, at % groups);
             let (now, later) = units.split_at(units.len().min(groups - group));
             let exponents = self.exponents.iter_mut().skip(group);
-            let mantissas = self.mantissas.chunks_mut(GROUP).skip(group);
+            let mantissas = self.mantissas[..self.width].chunks_mut(GROUP).skip(group);
             for ((unit, exponent), mantissas) in now.iter().zip(exponents).zip(mantissas) {
                 take_unit(unit, exponent, mantissas);
             }
             if group + now.len() == groups {
-                self.add_band(row.into(), band);
+                let mantissas = &self.mantissas[..self.width];
+                let whole = BandRow { exponents: self.exponents, mantissas };
+                let codec = self.frame.begin.codec;
+                for chain in seen(&mut self.chains, self.frame.lights, band / self.bands) {
+                    let place = (row.into(), band % self.bands);
+                    let mut padded = [0; GROUP];
+                    chain.add_band(&mut self.collector, codec, place, whole.groups(&mut padded));
+                }
                 if band + 1 == bands {
                     self.keep(row.into());
                 }
@@ -154,39 +245,31 @@ impl<'r, A: Arith> Running<'r, A> {
     /// Takes a whole spectral row at once, and stores no band of it.
     #[inline(always)]
     fn whole_row(&mut self, row: u16, units: &[u8]) {
-        self.sums.fill([A::Sum::default(); GROUP]);
+        self.clear();
         let (units, _) = units.as_chunks::<UNIT_BYTES>();
+        let codec = self.frame.begin.codec;
         for (band, units) in units.chunks_exact(self.exponents.len()).enumerate() {
-            let groups = units.iter().map(group_of);
-            if self.frame.begin.codec == Codec::Bfp16 {
-                self.collector.add_groups(row.into(), band, groups, self.sums);
-            } else {
-                self.collector.add_rates(groups, self.frame.settings.exposure_s, self.sums);
+            for chain in seen(&mut self.chains, self.frame.lights, band / self.bands) {
+                let place = (row.into(), band % self.bands);
+                chain.add_band(&mut self.collector, codec, place, units.iter().map(group_of));
             }
         }
         self.keep(row.into());
     }
 
-    /// Adds the band that has just become complete.
+    /// A row begins.
     #[inline(always)]
-    fn add_band(&mut self, row: u32, band: usize) {
-        let whole = BandRow { exponents: self.exponents, mantissas: self.mantissas };
-        if self.frame.begin.codec == Codec::Bfp16 {
-            return self.collector.add_band(row, band, whole, self.sums);
+    fn clear(&mut self) {
+        for chain in &mut self.chains {
+            chain.sums.fill([A::Sum::default(); GROUP]);
         }
-        self.collector.add_rates(
-            whole.groups(&mut [0; GROUP]),
-            self.frame.settings.exposure_s,
-            self.sums,
-        );
     }
 
-    /// Puts the row that has just become complete into the ring.
+    /// A row is complete.
     #[inline(always)]
     fn keep(&mut self, row: u32) {
-        let slot = self.ring.slot(row);
-        for (mean, sum) in slot.as_flattened_mut().iter_mut().zip(self.sums.as_flattened()) {
-            *mean = A::collected(*sum);
+        for chain in &mut self.chains {
+            chain.keep(row);
         }
     }
 
@@ -195,22 +278,37 @@ impl<'r, A: Arith> Running<'r, A> {
         &mut self,
         row: u16,
         out: &mut [u8],
-        chain: impl FnOnce(&mut Pipeline<'r, A>, u32, &mut Ring<'r, A::Signal>, &mut [u16]),
+        mut compute: impl FnMut(&mut Pipeline<'r, A>, u32, &mut Ring<'r, A::Signal>, &mut [u16]),
     ) {
         // Between rows no band is partly received, so its memory is free.
-        let dn = &mut *self.mantissas;
-        if self.frame.test_pattern == 0 {
-            chain(&mut self.pipeline, row.into(), &mut self.ring, dn);
-        } else {
-            let max = self.config.max_dn();
-            test_pattern(self.frame.test_pattern, self.frame.test_data.min(max), max, row, dn);
+        let codes = &mut *self.mantissas;
+        for (chain, dn) in self.chains.iter_mut().zip(codes.chunks_exact_mut(self.width)) {
+            let Chain { config, pipeline, ring, .. } = chain;
+            if self.frame.test_pattern == 0 {
+                compute(pipeline, row.into(), ring, dn);
+            } else {
+                let max = config.max_dn();
+                test_pattern(self.frame.test_pattern, self.frame.test_data.min(max), max, row, dn);
+            }
         }
-        if let Some(packing) = Packing::of_bits(self.frame.begin.raw_bits.into()) {
-            // The sizes were agreed at the beginning of the frame.
-            let packed = pack_row(packing, dn, out);
-            debug_assert!(packed.is_ok());
+        if let Some(readout) = self.readout {
+            readout.send(self.width, codes);
         }
+        // The sizes were agreed at the beginning of the frame.
+        let packed = self.frame.raw_row.pack(self.width, codes, out);
+        debug_assert!(packed.is_ok());
     }
+}
+
+/// The captures that see a light: all see a single one.
+#[inline(always)]
+fn seen<'c, 'r, A: Arith>(
+    chains: &'c mut [Chain<'r, A>],
+    lights: usize,
+    light: usize,
+) -> &'c mut [Chain<'r, A>] {
+    let own = if lights == 1 { 0..chains.len() } else { light..light + 1 };
+    chains.get_mut(own).unwrap_or_default()
 }
 
 /// A unit's exponent and mantissas.
@@ -292,8 +390,7 @@ pub(crate) fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
 
 impl<'r> AnyRunning<'r> {
     pub(crate) fn new(
-        config: &'r SensorConfig,
-        crosstalk: Option<Crosstalk<'r>>,
+        camera: &'r CameraStore<'_>,
         frame: &'r Frame,
         memory: &'r mut Memory<'_>,
     ) -> Option<Self> {
@@ -302,12 +399,12 @@ impl<'r> AnyRunning<'r> {
             #[cfg(feature = "float")]
             NumberFormat::F32 => {
                 let rows = memory.float.as_mut()?;
-                Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Float)
+                Running::new(camera, frame, rows, mantissas, exponents).map(Self::Float)
             }
             #[cfg(feature = "fixed")]
             NumberFormat::Fixed => {
                 let rows = memory.fixed.as_mut()?;
-                Running::new(config, crosstalk, frame, rows, mantissas, exponents).map(Self::Fixed)
+                Running::new(camera, frame, rows, mantissas, exponents).map(Self::Fixed)
             }
             _ => None,
         }

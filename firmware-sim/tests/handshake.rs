@@ -1,17 +1,26 @@
 //! The capabilities that a rig reports are true, and a camera that it cannot compute is refused.
 
-use camrig_firmware_sim::{Memory, Rig, RowMemory, camera};
+use camrig_firmware_sim::camera::Capture;
+use camrig_firmware_sim::{CaptureMemory, Memory, Rig, RowMemory, camera};
 use camrig_rig_link::device::Model;
 use camrig_rig_link::message::Refusal;
 use camrig_sensor_core::arith::BLOCK;
 use camrig_sensor_core::config::SensorConfig;
 use camrig_sensor_core::crosstalk::Crosstalk;
 use camrig_sensor_core::effects::{Effect, full_well, prnu, read_noise, shot_noise};
+use camrig_sensor_core::hdr::{Companding, Curve, Hand, Level, MAX_CAPTURES, Merge, Output};
+use camrig_sensor_core::hdr::{Ratios, Readout, Rounding};
 
 const WIDTH: usize = 64;
 
 /// Runs a test with a rig for rows of 64 pixels.
 fn with_rig<T>(test: impl FnOnce(&mut Rig<'_>) -> T) -> T {
+    with_captures(1, test)
+}
+
+/// The same with memory for so many captures.
+fn with_captures<T>(captures: usize, test: impl FnOnce(&mut Rig<'_>) -> T) -> T {
+    let mut more = [const { CaptureMemory::EMPTY }; MAX_CAPTURES - 1];
     let mut float = ([[0.0; BLOCK]; 7], [[0.0; 16]; 4]);
     let mut fixed = ([[Default::default(); BLOCK]; 7], [[Default::default(); 16]; 4]);
     let (mut mantissas, mut exponents, mut crosstalk) = ([0; WIDTH], [0; 4], [0.0; 16]);
@@ -19,7 +28,8 @@ fn with_rig<T>(test: impl FnOnce(&mut Rig<'_>) -> T) -> T {
         "test",
         Memory::new(&mut mantissas, &mut exponents, &mut crosstalk, 8)
             .with_float(RowMemory { rows: &mut float.0, sums: &mut float.1 })
-            .with_fixed(RowMemory { rows: &mut fixed.0, sums: &mut fixed.1 }),
+            .with_fixed(RowMemory { rows: &mut fixed.0, sums: &mut fixed.1 })
+            .with_captures(&mut more[..captures - 1]),
     ))
 }
 
@@ -141,5 +151,76 @@ fn a_camera_that_is_cut_short_is_refused() {
             rig.camera_end()
         });
         assert_eq!(answer, Err(Refusal::BadCamera), "{cut} of {n} bytes");
+    }
+}
+
+/// A camera of so many captures, of rows of 64 pixels over their number.
+fn several(captures: usize, change: impl Fn(usize, &mut SensorConfig)) -> Vec<u8> {
+    let level = Level { black_dn: 64, gain: 256 };
+    let hand = Hand { decide: 0, low_dn: 3000, high_dn: 3600 };
+    let (levels, hands) = (vec![level; captures], vec![hand; captures - 1]);
+    let curve = Curve::new(&[(1 << 20, 4096.0)], Rounding::Floor).expect("a curve");
+    let readout = Readout {
+        ratios: (0..captures).map(|_| Ratios { exposure: 1.0, gain: 1.0 }).collect(),
+        merge: Merge::new(&levels, &hands, 20, 64).expect("a merge"),
+        output: Output::Companded(Companding { curve, bits: 12, subtract_dn: 0, pedestal_dn: 0 }),
+    };
+    let configs: Vec<SensorConfig> = (0..captures)
+        .map(|i| {
+            let mut config = sensor(&[shot_noise::ShotNoise {}.into()]);
+            config.width = (WIDTH / captures / 16 * 16) as u32;
+            change(i, &mut config);
+            config
+        })
+        .collect();
+    let parts = configs.iter().map(|config| Capture { config, crosstalk: None });
+    let mut bytes = vec![0; 8192];
+    let n = camera::encode_captures(&readout, parts, &mut bytes).expect("it fits");
+    bytes.truncate(n);
+    bytes
+}
+
+/// What a rig with memory for so many captures answers to a camera.
+fn taken(memory: usize, bytes: &[u8]) -> Result<(), Refusal> {
+    with_captures(memory, |rig| {
+        for (i, piece) in bytes.chunks(7).enumerate() {
+            rig.camera_piece(7 * i as u32, piece)?;
+        }
+        rig.camera_end()
+    })
+}
+
+#[test]
+fn captures_are_taken_as_far_as_there_is_memory() {
+    for captures in 2..=MAX_CAPTURES {
+        let camera = several(captures, |_, _| {});
+        for memory in 1..=MAX_CAPTURES {
+            let expected = match memory {
+                _ if memory >= captures => Ok(()),
+                _ => Err(Refusal::Captures { max: memory as u8 }),
+            };
+            assert_eq!(taken(memory, &camera), expected, "{captures} captures, {memory}");
+        }
+    }
+    let codecs = |captures| with_captures(captures, |rig| rig.capabilities().codecs);
+    assert_eq!([1, 2].map(codecs), [0b1000_0011, 0b1100_0011]);
+}
+
+/// Captures share the memory of rows: four of them have a quarter of it.
+#[test]
+fn captures_of_long_rows_are_refused() {
+    let wide = several(4, |_, config| config.width = 17);
+    assert_eq!(taken(4, &wide), Err(Refusal::TooWide { max: 16 }));
+}
+
+#[test]
+fn captures_that_do_not_fit_together_are_refused() {
+    let odd = several(2, |i, config| config.height = 2 + i as u32);
+    assert_eq!(taken(2, &odd), Err(Refusal::BadCamera));
+    let whole = several(3, |_, _| {});
+    let readout = usize::from(u16::from_le_bytes([whole[2], whole[3]]));
+    let without_last = whole.len() - (whole.len() - 4 - readout) / 3;
+    for cut in [2, 4, 20, without_last - 1, without_last, without_last + 4, whole.len() - 1] {
+        assert_eq!(taken(3, &whole[..cut]), Err(Refusal::BadCamera), "{cut} bytes");
     }
 }

@@ -1,7 +1,7 @@
 //! The device side of the link against arbitrary bytes: as bytes of the link, and as bodies of
 //! packets with a correct CRC.
 
-use camrig_firmware_sim::{Memory, Rig, RowMemory};
+use camrig_firmware_sim::{CaptureMemory, Memory, Rig, RowMemory};
 use camrig_rig_link::device::Device;
 use camrig_rig_link::framing::{Framing, Receiver};
 use camrig_rig_link::wire::{CHECK_BYTES, HEADER_BYTES, seal};
@@ -18,11 +18,13 @@ pub fn converse(data: &[u8]) {
     let mut fixed_rows = vec![[Default::default(); BLOCK]; 13 * 2];
     let mut fixed_sums = vec![[Default::default(); 16]; 4];
     let (mut mantissas, mut exponents, mut table) = ([0; WIDTH], [0; 4], [0.0; 64]);
+    let mut captures = [const { CaptureMemory::EMPTY }; 3];
     let mut rig = Rig::new(
         "fuzz",
         Memory::new(&mut mantissas, &mut exponents, &mut table, 8)
             .with_float(RowMemory { rows: &mut rows, sums: &mut sums })
-            .with_fixed(RowMemory { rows: &mut fixed_rows, sums: &mut fixed_sums }),
+            .with_fixed(RowMemory { rows: &mut fixed_rows, sums: &mut fixed_sums })
+            .with_captures(&mut captures),
     );
     let mut device = Device::<128>::new(600, 32);
     let mut receivers =

@@ -8,7 +8,7 @@
 //! A device refuses with a [`Nack`]; its [`code`](Nack::code) names it for programs:
 //! `no-session`, `no-transfer`, `unsupported`, `register`, or that of a [`Refusal`]: `no-camera`,
 //! `bad-camera`, `camera-too-long`, `effects`, `too-wide`, `too-many-bands`, `wrong-shape`,
-//! `arithmetic`, `codec`, `packing`, `exposure`.
+//! `arithmetic`, `codec`, `packing`, `exposure`, `captures`.
 
 pub use crate::effect_set::EffectSet;
 use core::fmt;
@@ -16,7 +16,7 @@ use heapless::String;
 use serde::{Deserialize, Serialize};
 
 /// Versions of the protocol that this crate speaks, oldest and newest.
-pub const VERSIONS: (u8, u8) = (1, 1);
+pub const VERSIONS: (u8, u8) = (1, 2);
 
 /// First bytes of every Hello.
 pub const MAGIC: [u8; 6] = *b"camrig";
@@ -90,8 +90,9 @@ pub struct Capabilities {
     pub max_camera: u32,
     /// Arithmetics that the device has, as a bit set of `1 <<` [`NumberFormat`].
     pub arithmetics: u8,
-    /// Row codecs that the device reads, as a bit set of `1 <<` [`Codec`], and whether it reads
-    /// groups of high dynamic range in them ([`WIDE_GROUPS`]).
+    /// Row codecs that the device reads, as a bit set of `1 <<` [`Codec`], whether it reads groups of
+    /// high dynamic range in them ([`WIDE_GROUPS`]), and light of several captures
+    /// ([`SEVERAL_CAPTURES`]).
     pub codecs: u8,
     /// Memory of the device's rows and buffers, bytes.
     pub memory_bytes: u32,
@@ -104,6 +105,10 @@ pub struct Capabilities {
 /// Bit of [`Capabilities::codecs`] of a device that reads units whose exponent is 112 to 127, as
 /// groups of high dynamic range have it.
 pub const WIDE_GROUPS: u8 = 1 << 7;
+
+/// Bit of [`Capabilities::codecs`] of a device that takes cameras which read each pixel several
+/// times, merges and compands them (version 2).
+pub const SEVERAL_CAPTURES: u8 = 1 << 6;
 
 /// Number format of the device's sensor model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -146,15 +151,16 @@ pub struct FrameBegin {
     pub rows: u16,
     /// Pixels per row.
     pub width: u16,
-    /// Spectral bands.
+    /// Spectral bands; of a camera of several captures whose light differs, so many for each.
     pub bands: u16,
     /// How the spectral rows are encoded.
     pub codec: Codec,
     /// Which arithmetic computes the raw rows.
     pub arithmetic: NumberFormat,
-    /// Bits per sample of the raw rows, packed by [`crate::packing::Packing::of_bits`]. 0: the rows
-    /// leave by the device's own interface, packed as that has them, and a raw row on the link is
-    /// its receipt ([`RECEIPT_BYTES`]). A device without such an interface refuses it.
+    /// Bits per sample of the raw rows, packed by [`crate::packing::Packing::of_bits`]; samples of 20
+    /// and 24 bits in two halves, the upper one first. 0: the rows leave by the device's own
+    /// interface, packed as that has them, and a raw row on the link is its receipt
+    /// ([`RECEIPT_BYTES`]). A device without such an interface refuses it.
     pub raw_bits: u8,
     /// Sensor temperature, degrees Celsius.
     pub temperature_c: f32,
@@ -357,6 +363,11 @@ pub enum Refusal {
     Packing,
     /// Exposure time or gain is not a positive finite number.
     Exposure,
+    /// The camera has more captures than there is memory for.
+    Captures {
+        /// Largest number of captures.
+        max: u8,
+    },
 }
 
 impl fmt::Display for Nack {
@@ -441,11 +452,17 @@ impl fmt::Display for Refusal {
             ),
             Self::Packing => f.write_str(
                 "this packing does not exist, or has fewer bits per sample than the camera: use \
-                 8, 10, 12, 14 or 16, and at least the camera's",
+                 8, 10, 12, 14 or 16, and at least the camera's; 20 or 24 of a merged signal of so \
+                 many",
             ),
             Self::Exposure => {
                 f.write_str("exposure time (s) and analogue gain must be positive finite numbers")
             }
+            Self::Captures { max } => write!(
+                f,
+                "the camera has more captures than the {max} that the device has memory for: use \
+                 one of them alone"
+            ),
         }
     }
 }
@@ -467,6 +484,7 @@ impl Refusal {
             Self::Codec => "codec",
             Self::Packing => "packing",
             Self::Exposure => "exposure",
+            Self::Captures { .. } => "captures",
         }
     }
 }

@@ -90,7 +90,7 @@ fn set(numbers: &[Value]) -> EffectSet {
 
 /// A message of the vectors as serde writes it: variants of one field without the field's name.
 fn as_serde(value: &Value) -> Value {
-    const NAMED: [&str; 8] = [
+    const NAMED: [&str; 9] = [
         "FrameBegin",
         "LitFor",
         "FrameStart",
@@ -99,6 +99,7 @@ fn as_serde(value: &Value) -> Value {
         "CameraTooLong",
         "TooWide",
         "TooManyBands",
+        "Captures",
     ];
     let object = |fields: &serde_json::Map<String, Value>| {
         fields.iter().map(|(key, value)| (key.clone(), as_serde(value))).collect()

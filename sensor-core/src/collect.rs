@@ -19,8 +19,9 @@ pub type Sums<S> = [S; GROUP];
 /// 6 columns shift from group to group.
 const PHASES: usize = if cfg!(feature = "multispectral") { 5 } else { 3 };
 
-/// Sums the bands of the rows of one frame.
-pub struct Collector<'a, A: Arith> {
+/// What a collector knows of a sensor in a frame.
+#[derive(Clone, Debug)]
+pub struct Exposed<'a> {
     config: &'a SensorConfig,
     crosstalk: Option<Crosstalk<'a>>,
     /// Positions of the nodes in pixels from the left edge of column 0; one node without a table.
@@ -28,6 +29,11 @@ pub struct Collector<'a, A: Arith> {
     /// Response x exposure = weight x 2^scale, weights at most 1.
     scale: i32,
     per_unit: f32,
+}
+
+/// Sums the bands of the rows of one frame.
+pub struct Collector<'a, A: Arith> {
+    of: Exposed<'a>,
     /// Weights at each node for the current band and row.
     weights: [[Sums<A::Weight>; PHASES]; MAX_NODES],
 }
@@ -68,8 +74,8 @@ fn scale_of(largest: f32) -> i32 {
     ((largest.to_bits() >> 23) as i32 - 126).clamp(-100, 100)
 }
 
-impl<'a, A: Arith> Collector<'a, A> {
-    /// A collector for one frame; without a crosstalk table all factors are 1.
+impl<'a> Exposed<'a> {
+    /// Without a crosstalk table all factors are 1.
     ///
     /// # Errors
     /// What [`SensorConfig::check`], [`FrameSettings::check`] and [`Crosstalk::check`] refuse.
@@ -93,8 +99,34 @@ impl<'a, A: Arith> Collector<'a, A> {
         let largest = response * settings.exposure_s * factor;
         let scale = scale_of(largest);
         let per_unit = settings.exposure_s * power_of_two(-scale);
+        Ok(Self { config, crosstalk, nodes, scale, per_unit })
+    }
+}
+
+impl<'a, A: Arith> Collector<'a, A> {
+    /// A collector for one frame; without a crosstalk table all factors are 1.
+    ///
+    /// # Errors
+    /// Those of [`Exposed::new`].
+    pub fn new(
+        config: &'a SensorConfig,
+        settings: &FrameSettings,
+        crosstalk: Option<Crosstalk<'a>>,
+    ) -> Result<Self, ConfigError> {
+        Exposed::new(config, settings, crosstalk).map(Self::of)
+    }
+
+    /// A collector for a sensor in a frame.
+    pub fn of(exposed: Exposed<'a>) -> Self {
         let weights = [[[A::Weight::default(); GROUP]; PHASES]; MAX_NODES];
-        Ok(Self { config, crosstalk, nodes, scale, per_unit, weights })
+        Self { of: exposed, weights }
+    }
+
+    /// Goes on with another sensor: one collector, and the memory for its weights, serves the
+    /// captures of a pixel in turn.
+    #[inline(always)]
+    pub fn turn_to(&mut self, exposed: &Exposed<'a>) {
+        self.of.clone_from(exposed);
     }
 
     /// Adds one band (irradiance, W m⁻² nm⁻¹) of row `y` to the row's sums,
@@ -116,7 +148,7 @@ impl<'a, A: Arith> Collector<'a, A> {
     ) {
         self.set_weights(y as usize, band);
         let phases = self.phases();
-        let cells = self.nodes.len() - 1;
+        let cells = self.of.nodes.len() - 1;
         let mut cell = 0;
         for (g, ((exponent, mantissas), sums)) in groups.zip(sums).enumerate() {
             let phase = g % phases;
@@ -124,7 +156,7 @@ impl<'a, A: Arith> Collector<'a, A> {
             let last = first + (GROUP - 1) as f32;
             let group = (exponent, mantissas.borrow());
             if cells == 0 {
-                add::<A>(sums, group, self.scale, &self.weights[0][phase]);
+                add::<A>(sums, group, self.of.scale, &self.weights[0][phase]);
                 continue;
             }
             while cell + 1 < cells && self.node(cell + 1) <= first {
@@ -141,7 +173,7 @@ impl<'a, A: Arith> Collector<'a, A> {
                     *w = if first + i as f32 >= from { beyond[i] } else { *w };
                 }
             }
-            add::<A>(sums, group, self.scale, &weights);
+            add::<A>(sums, group, self.of.scale, &weights);
         }
     }
 
@@ -163,7 +195,7 @@ impl<'a, A: Arith> Collector<'a, A> {
 
     #[inline(always)]
     fn phases(&self) -> usize {
-        match self.config.pattern.width {
+        match self.of.config.pattern.width {
             3 | 6 => 3,
             5 => PHASES,
             _ => 1,
@@ -172,7 +204,7 @@ impl<'a, A: Arith> Collector<'a, A> {
 
     #[inline(always)]
     fn node(&self, i: usize) -> f32 {
-        self.nodes.get(i).copied().unwrap_or(f32::MAX)
+        self.of.nodes.get(i).copied().unwrap_or(f32::MAX)
     }
 
     /// Weights of a group in a cell between two nodes; `first` is the centre of its first pixel.
@@ -192,14 +224,14 @@ impl<'a, A: Arith> Collector<'a, A> {
     /// Computes the weights of a band at each node of a row.
     #[inline(always)]
     fn set_weights(&mut self, y: usize, band: usize) {
-        let config = self.config;
+        let config = self.of.config;
         let bands = usize::from(config.bands);
         let pattern_width = usize::from(config.pattern.width).clamp(1, MAX_PATTERN);
         let phases = self.phases();
         let nm = config.first_band_nm + band as f32 * config.band_step_nm;
         let v = (y as f32 + 0.5) / config.height as f32 * 2.0 - 1.0;
-        let places = self.crosstalk.map(|c| (c, place(c.wavelength_nm, nm), place(c.y, v)));
-        for (node, weights) in self.weights.iter_mut().enumerate().take(self.nodes.len()) {
+        let places = self.of.crosstalk.map(|c| (c, place(c.wavelength_nm, nm), place(c.y, v)));
+        for (node, weights) in self.weights.iter_mut().enumerate().take(self.of.nodes.len()) {
             let mut by_column = [A::Weight::default(); MAX_PATTERN];
             for (x, weight) in by_column.iter_mut().enumerate().take(pattern_width) {
                 let channel = config.pattern.channel(x, y);
@@ -208,7 +240,7 @@ impl<'a, A: Arith> Collector<'a, A> {
                     Some((table, wavelength, row)) => table.at(channel, wavelength, row, node),
                     None => 1.0,
                 };
-                *weight = A::weight(response * self.per_unit * factor);
+                *weight = A::weight(response * self.of.per_unit * factor);
             }
             for (phase, weights) in weights.iter_mut().enumerate().take(phases) {
                 for (i, w) in weights.iter_mut().enumerate() {

@@ -9,7 +9,11 @@
 //!
 //! What follows is exact: [`Merge`] makes one linear number of the captures' codes, [`Curve`] a
 //! shorter code of that number. Both are integers on every machine, since a linear number of 24
-//! bits times a weight has more digits than `f32` or fixed point keep.
+//! bits times a weight has more digits than `f32` or fixed point keep. [`Readout`] says what of a
+//! row is sent.
+//!
+//! **Memory.** A row of a capture is a row of a plain sensor. Codes take 2 bytes for each pixel and
+//! capture until the row is sent, and what is sent takes their place.
 //!
 //! ```
 //! use camrig_sensor_core::hdr::{Curve, Hand, Level, Merge, Rounding};
@@ -33,9 +37,11 @@
 
 mod curve;
 mod merge;
+mod readout;
 
 pub use curve::{Companding, Curve, MAX_KNEES, Rounding};
 pub use merge::{Flicker, Hand, Level, MAX_CAPTURES, Merge};
+pub use readout::{Output, Ratios, Readout};
 
 use core::fmt;
 
@@ -49,13 +55,16 @@ pub enum HdrError {
     /// A hand-over of this position is decided by a capture that is not merged yet, or ends where
     /// it begins or below.
     HandOver(usize),
-    /// The linear signal has neither 16 nor 20 nor 24 bits, or its pedestal lies beyond them.
+    /// The linear signal has neither 16 nor 20 nor 24 bits, or its pedestal or what is taken off it
+    /// lies beyond them.
     Linear,
     /// Knees are none or more than [`MAX_KNEES`].
     Knees,
-    /// The knee of this position does not rise, or rises faster than 1:1, or its code is no
-    /// multiple of 1/256.
+    /// The knee of this position does not rise, or rises faster than 1:1, or lies beyond 24 bits, or
+    /// its code is no multiple of 1/256.
     Knee(usize),
+    /// Codes have neither 10 nor 12, 14 or 16 bits.
+    Bits,
 }
 
 impl fmt::Display for HdrError {
@@ -69,14 +78,17 @@ impl fmt::Display for HdrError {
                 write!(f, "hand-over {i}: an earlier capture decides, and high_dn is above low_dn")
             }
             Self::Linear => f.write_str(
-                "the linear signal has 16, 20 or 24 bits, and its pedestal lies within them",
+                "the linear signal has 16, 20 or 24 bits, and its pedestal and what is taken off it \
+                 lie within them",
             ),
             Self::Knees => write!(f, "a curve has 1 to {MAX_KNEES} knees after (0, 0)"),
             Self::Knee(i) => write!(
                 f,
                 "knee {i}: both its numbers are above those of the knee before, the code by no \
-                 more than the linear number, and the code is a multiple of 1/256"
+                 more than the linear number, which ends at 2^24, and the code is a multiple of \
+                 1/256"
             ),
+            Self::Bits => f.write_str("codes have 10, 12, 14 or 16 bits"),
         }
     }
 }

@@ -107,7 +107,8 @@ DEVICE = [("firmware", "text"), ("packet_bytes", "varint"), ("credit", "varint")
           ("memory_bytes", "varint"), ("effects", "set"), ("camera", "varint")]
 FAULT = ["None", "DropFrame", ("CorruptRow", [("row", "varint")]), "StuckCounter", ("LateFrame", [("ms", "varint")])]
 REFUSAL = ["NoCamera", "BadCamera", ("CameraTooLong", [("max", "varint")]), "Effects", ("TooWide", [("max", "varint")]),
-           ("TooManyBands", [("max", "varint")]), "WrongShape", "Arithmetic", "Codec", "Packing", "Exposure"]
+           ("TooManyBands", [("max", "varint")]), "WrongShape", "Arithmetic", "Codec", "Packing", "Exposure",
+           ("Captures", [("max", "u8")])]
 NACK = ["NoSession", ("NoTransfer", [("transfer", "varint")]), ("Unsupported", [("kind", "u8")]),
         ("Register", [("address", "varint")]), ("Refused", [("refusal", REFUSAL)])]
 TO_DEVICE = [

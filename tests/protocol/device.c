@@ -21,7 +21,9 @@ enum { JUMP = 1, GAP = 1, PENDING = 2 };
 enum { NO_CAMERA, BAD_CAMERA, CAMERA_TOO_LONG, EFFECTS, TOO_WIDE, TOO_MANY_BANDS, WRONG_SHAPE,
        ARITHMETIC, CODEC, PACKING, EXPOSURE };
 
-#define VERSION 1
+/* Versions of the protocol. It takes no camera of several captures, which version 2 adds. */
+#define OLDEST 1
+#define NEWEST 2
 #define PACKET 4400         /* longest packet, bytes */
 #define CREDIT 16           /* packets that the host may have under way */
 #define WIDTH 4096          /* longest row, pixels */
@@ -483,10 +485,11 @@ static void hello_packet(uint16_t session, uint16_t seq, const uint8_t *body, si
     } else if (after(seq, host.heard)) {
         host.heard = seq;
     }
-    bool common = oldest <= VERSION && newest >= VERSION;
+    bool common = oldest <= NEWEST && newest >= OLDEST;
+    uint8_t version = !common ? 0 : newest < NEWEST ? newest : NEWEST;
     static const char name[] = "rig in C 1.0";
     writer w = { .n = 0 };
-    put_u8(&w, common ? VERSION : 0), put_u8(&w, VERSION), put_u8(&w, VERSION), put_u8(&w, common);
+    put_u8(&w, version), put_u8(&w, OLDEST), put_u8(&w, NEWEST), put_u8(&w, common);
     if (common) {
         put_varint(&w, sizeof name - 1);
         for (size_t i = 0; i < sizeof name - 1; i++) put_u8(&w, (uint8_t)name[i]);

@@ -17,3 +17,6 @@ pub const CREDIT: u16 = 32;
 pub const ANSWER: usize = 1100;
 /// Values of the crosstalk table: 13 x 17 nodes, 7 wavelengths, 3 channels, and the axes.
 pub const CROSSTALK: usize = 13 * 17 * 7 * 3 + 37;
+/// Most captures of a pixel. They have the memory of rows in equal parts: rows of four captures have a
+/// quarter of the pixels at most.
+pub const CAPTURES: usize = 4;

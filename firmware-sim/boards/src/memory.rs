@@ -1,8 +1,8 @@
 //! The memory of the rig, all of it static: the linker's figure is what the rig needs. The firmware
 //! of `usb-boards` has this module too, with limits of its own.
 
-use crate::limits::{ANSWER, BANDS, CREDIT, CROSSTALK, PACKET, RAW_BYTES, ROWS, WIDTH};
-use camrig_firmware_sim::{Buffers, Memory, Rig, RowMemory};
+use crate::limits::{ANSWER, BANDS, CAPTURES, CREDIT, CROSSTALK, PACKET, RAW_BYTES, ROWS, WIDTH};
+use camrig_firmware_sim::{Buffers, CaptureMemory, Memory, Rig, RowMemory};
 use camrig_rig_link::device::Device;
 use camrig_rig_link::framing::Framing;
 #[cfg(feature = "fixed")]
@@ -51,6 +51,8 @@ static SIGNALS: Once<[Block<Signal>; ROWS * blocks(WIDTH)]> =
 static SUMS: Once<[Sums<Sum>; groups(WIDTH)]> = Once::new([[ZERO.1; GROUP]; groups(WIDTH)]);
 static MANTISSAS: Once<[u16; WIDTH]> = Once::new([0; WIDTH]);
 static EXPONENTS: Once<[i8; groups(WIDTH)]> = Once::new([0; groups(WIDTH)]);
+static MORE_CAPTURES: Once<[CaptureMemory; CAPTURES - 1]> =
+    Once::new([const { CaptureMemory::EMPTY }; CAPTURES - 1]);
 static TABLE: Once<[f32; CROSSTALK]> = Once::new([0.0; CROSSTALK]);
 static INPUT: Once<[u8; 512]> = Once::new([0; 512]);
 static PACKET_BYTES: Once<[u8; Framing::Cobs.max_encoded(PACKET)]> =
@@ -75,7 +77,8 @@ pub struct Parts {
 /// Hands out the memory, once. `firmware`: name and version, as the rig reports them.
 pub fn take(firmware: &'static str) -> Option<Parts> {
     let rows = RowMemory { rows: SIGNALS.take()?, sums: SUMS.take()? };
-    let memory = Memory::new(MANTISSAS.take()?, EXPONENTS.take()?, TABLE.take()?, BANDS);
+    let memory = Memory::new(MANTISSAS.take()?, EXPONENTS.take()?, TABLE.take()?, BANDS)
+        .with_captures(MORE_CAPTURES.take()?);
     #[cfg(feature = "float")]
     let memory = memory.with_float(rows);
     #[cfg(feature = "fixed")]

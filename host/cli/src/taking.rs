@@ -74,7 +74,11 @@ pub fn expose_frames(
     }
     let subject = &Subject { camera, sensor, exposure_s, first, illuminant: white };
     let mut stage = match sensor {
-        Sensor::One(sensor) => Stage::One(Box::new(opened(args, sensor)?), sensor),
+        Sensor::One(sensor) => {
+            let mut stage = opened(args)?;
+            stage.set_camera(sensor)?;
+            Stage::One(Box::new(stage), sensor)
+        }
         Sensor::Several(sensor) => Stage::Several(Box::new(several(args, sensor)?), sensor),
     };
     sink.set_camera(|| args.readout.figures(camera))?;
@@ -155,6 +159,11 @@ struct Seen<'a> {
 }
 
 impl<'a> Light<'a> {
+    /// Irradiance of all captures, or of each.
+    fn cubes(&self, cubes: &'a [IrradianceCube]) -> Vec<&'a IrradianceCube> {
+        if cubes.is_empty() { vec![self.first] } else { cubes.iter().collect() }
+    }
+
     /// What a capture sees.
     fn of(&self, capture: usize) -> Seen<'a> {
         let one = |cubes: &'a [IrradianceCube]| {
@@ -164,18 +173,17 @@ impl<'a> Light<'a> {
     }
 }
 
-/// The stage of a sensor with one capture, here or on a rig.
-fn opened(args: &FrameArgs, sensor: &SimulatedSensor) -> Result<SensorStage> {
+/// The stage, here or on a rig.
+fn opened(args: &FrameArgs) -> Result<SensorStage> {
     let mut stage = SensorStage::open(args.rig.as_deref(), args.arith)?;
     stage.on_broken_link(arguments::broken_link);
     if let Some(held) = stage.cleared() {
         eprintln!("note: cleared the rig's {held}, left by an earlier host");
     }
-    stage.set_camera(sensor)?;
     Ok(stage)
 }
 
-/// The stage of a sensor with several captures, each of which it takes as a camera of its own.
+/// The stage of a sensor with several captures.
 fn several(args: &FrameArgs, sensor: &HdrSensor) -> Result<SensorStage> {
     let refused = |what: &str, help: &str| Err(Error::unsupported(what).help(help));
     if args.hdr.is_some() {
@@ -190,7 +198,9 @@ fn several(args: &FrameArgs, sensor: &HdrSensor) -> Result<SensorStage> {
             "omit --binning, or simulate one capture with --capture",
         );
     }
-    opened(args, &sensor.captures()[0])
+    let mut stage = opened(args)?;
+    stage.set_captures(sensor)?;
+    Ok(stage)
 }
 
 /// A frame of a sensor with one capture.
@@ -253,11 +263,8 @@ fn several_frames(
 ) -> Result<()> {
     let mut own = *settings;
     own.previous_exposure_s = light.previous_s;
-    let frame = sensor.frame(&own, |i, sensor, settings| {
-        let Seen { cube, before } = light.of(i);
-        stage.set_camera(sensor)?;
-        stage.frame(sensor, cube, before, settings)
-    })?;
+    let (now, before) = (light.cubes(light.now), light.before.map(|cubes| light.cubes(cubes)));
+    let sent = stage.sent(sensor, &now, before.as_deref(), &own)?;
     let (hdr, readout) = (sensor.hdr(), args.readout.readout());
     let mut merged = info(args, subject, subject.camera, (light.of(0).cube, settings))?;
     render::describe_merged(&mut merged, hdr, &subject.camera.sensor.cfa);
@@ -266,7 +273,7 @@ fn several_frames(
         name: None,
         embedded: vec![render::embedded_line(hdr, settings, bits)],
     };
-    match sensor.sent(frame, settings.analog_gain.into()) {
+    match sent {
         Sent::Merged(frame) => sink.write_named(&is(frame.bits), &readout.of(frame)?, &merged),
         Sent::Wide(frame) => sink.write_wide(&is(frame.bits), &readout.of(frame)?, &merged),
         Sent::Captures(frames) => {

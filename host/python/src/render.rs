@@ -173,7 +173,10 @@ impl Irradiance {
         let stage = py
             .detach(|| {
                 let mut stage = SensorStage::open(rig.as_deref(), arithmetic)?;
-                stage.set_camera(sensor.first())?;
+                match &sensor {
+                    Sensor::One(sensor) => stage.set_camera(sensor)?,
+                    Sensor::Several(sensor) => stage.set_captures(sensor)?,
+                }
                 Ok(stage)
             })
             .or_raise()?;
@@ -268,11 +271,8 @@ impl Taking {
         let taken = match &self.sensor {
             Sensor::One(sensor) => Sent::Merged(stage.frame(sensor, cube, before, &settings)?),
             Sensor::Several(sensor) => {
-                let frame = sensor.frame(&settings, |_, one, settings| {
-                    stage.set_camera(one)?;
-                    stage.frame(one, cube, before, settings)
-                })?;
-                sensor.sent(frame, settings.analog_gain.into())
+                let before = before.map(|cube| [cube]);
+                stage.sent(sensor, &[cube], before.as_ref().map(|b| &b[..]), &settings)?
             }
         };
         self.previous_s = Some(settings.exposure_s);

@@ -1,15 +1,19 @@
 //! Companding: fewer codes for bright light, along straight lines between knees.
 
 use super::HdrError;
+use serde::{Deserialize, Serialize};
 
 /// Largest number of knees after (0, 0).
 pub const MAX_KNEES: usize = 64;
+
+/// The end of the longest linear signal, 24 bits.
+const END: i64 = 1 << 24;
 
 /// Codes of knees are multiples of 1 over this.
 const PARTS: i64 = 256;
 
 /// How a code becomes a whole number.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Rounding {
     /// The whole number at or below it.
@@ -20,7 +24,7 @@ pub enum Rounding {
 }
 
 /// A knee: a linear number, and its code in 1/256.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Knee {
     x: i64,
     y: i64,
@@ -33,7 +37,7 @@ struct Knee {
 /// the first line goes on below 0, the last beyond its end. Receivers undo it with the lowest
 /// number of a code, x_i + ⌈(y − y_i) Δx/Δy⌉, as AMD's Vitis `hdr_decompand` and TI's
 /// `Rfe_PwlConfig` do.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Curve {
     knees: heapless::Vec<Knee, MAX_KNEES>,
     rounding: Rounding,
@@ -45,22 +49,35 @@ impl Curve {
     /// # Errors
     /// [`HdrError::Knees`], [`HdrError::Knee`].
     pub fn new(knees: &[(u32, f64)], rounding: Rounding) -> Result<Self, HdrError> {
-        if knees.is_empty() || knees.len() > MAX_KNEES {
+        if knees.len() > MAX_KNEES {
+            return Err(HdrError::Knees);
+        }
+        let parts = |y: f64| y * PARTS as f64;
+        if let Some(i) = knees.iter().position(|&(_, y)| (parts(y) as i64) as f64 != parts(y)) {
+            return Err(HdrError::Knee(i));
+        }
+        let knee = |&(x, y): &(u32, f64)| Knee { x: i64::from(x), y: parts(y) as i64 };
+        let curve = Self { knees: knees.iter().map(knee).collect(), rounding };
+        curve.check().map(|()| curve)
+    }
+
+    /// Checks a curve that came from elsewhere, as [`Self::new`] does.
+    ///
+    /// # Errors
+    /// [`HdrError::Knees`], [`HdrError::Knee`].
+    pub fn check(&self) -> Result<(), HdrError> {
+        if self.knees.is_empty() {
             return Err(HdrError::Knees);
         }
         let mut before = Knee { x: 0, y: 0 };
-        let mut own = heapless::Vec::new();
-        for (i, &(x, y)) in knees.iter().enumerate() {
-            let parts = y * PARTS as f64;
-            let knee = Knee { x: i64::from(x), y: parts as i64 };
-            let (dx, dy) = (knee.x - before.x, knee.y - before.y);
-            if knee.y as f64 != parts || dx <= 0 || dy <= 0 || dy > dx * PARTS {
+        for (i, knee) in self.knees.iter().enumerate() {
+            let rises = knee.x > before.x && knee.y > before.y && knee.x <= END;
+            if !rises || knee.y - before.y > (knee.x - before.x) * PARTS {
                 return Err(HdrError::Knee(i));
             }
-            own.push(knee).map_err(|_| HdrError::Knees)?;
-            before = knee;
+            before = *knee;
         }
-        Ok(Self { knees: own, rounding })
+        Ok(())
     }
 
     /// The line whose knees' `key` encloses a value: its lower and its upper knee.
@@ -83,7 +100,13 @@ impl Curve {
             Rounding::Floor => 0,
             Rounding::Nearest => PARTS / 2 * dx,
         };
-        (a.y * dx + (x - a.x) * dy + half).div_euclid(PARTS * dx)
+        let above = a.y * dx + (x - a.x) * dy + half;
+        // Most segments are as wide as a power of two: a shift is a division that rounds down.
+        if dx & (dx - 1) == 0 {
+            above >> (PARTS.trailing_zeros() + dx.trailing_zeros())
+        } else {
+            above.div_euclid(PARTS * dx)
+        }
     }
 
     /// The lowest linear number of a code, where codes are the whole numbers below.
@@ -101,7 +124,7 @@ impl Curve {
 }
 
 /// What a sensor sends of its linear signal.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Companding {
     /// The curve.
     pub curve: Curve,
@@ -114,6 +137,20 @@ pub struct Companding {
 }
 
 impl Companding {
+    /// Checks bits, curve and what is taken off.
+    ///
+    /// # Errors
+    /// [`HdrError::Bits`], [`HdrError::Linear`], and those of [`Curve::check`].
+    pub fn check(&self) -> Result<(), HdrError> {
+        if ![10, 12, 14, 16].contains(&self.bits) {
+            return Err(HdrError::Bits);
+        }
+        if i64::from(self.subtract_dn) >= END {
+            return Err(HdrError::Linear);
+        }
+        self.curve.check()
+    }
+
     /// The code of a linear signal, DN: that of the curve with its pedestal, within its bits.
     #[inline(always)]
     pub fn code(&self, linear: u32) -> u16 {
@@ -172,5 +209,6 @@ mod tests {
         assert_eq!(new(&[(4, 4.0), (9, 4.0)]), Err(HdrError::Knee(1)));
         assert_eq!(new(&[(4, 0.001)]), Err(HdrError::Knee(0)), "no multiple of 1/256");
         assert_eq!(new(&[(4, f64::NAN)]), Err(HdrError::Knee(0)));
+        assert_eq!(new(&[(1 << 24, 1.0), (1 << 25, 2.0)]), Err(HdrError::Knee(1)), "25 bits");
     }
 }

@@ -1,6 +1,7 @@
 //! One linear number from the captures of a pixel.
 
 use super::HdrError;
+use serde::{Deserialize, Serialize};
 
 /// Largest number of captures of a pixel.
 pub const MAX_CAPTURES: usize = 4;
@@ -11,7 +12,7 @@ const ONE: i64 = 1 << FRACTION;
 const HALF: i64 = ONE / 2;
 
 /// What brings the codes of a capture to the scale of the others.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Level {
     /// Its black level, DN.
     pub black_dn: u16,
@@ -20,7 +21,7 @@ pub struct Level {
 }
 
 /// Where the merge goes on to the next capture: a ramp over the code of one before.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hand {
     /// The capture whose code decides.
     pub decide: u8,
@@ -32,7 +33,7 @@ pub struct Hand {
 
 /// A capture that is taken where it exceeds the merged signal: lamps with pulses that the others
 /// may have missed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Flicker {
     /// The capture, open long enough to see every pulse.
     pub capture: u8,
@@ -49,7 +50,7 @@ pub struct Flicker {
 ///
 /// Threshold pairs on one capture's code with a ramp between them are those of the IMX585
 /// (`imx585.c`) and of `hi_isp_wdr_combine_attr`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Merge {
     levels: heapless::Vec<Level, MAX_CAPTURES>,
     hands: heapless::Vec<Hand, MAX_CAPTURES>,
@@ -70,25 +71,39 @@ impl Merge {
         linear_bits: u8,
         pedestal_dn: u32,
     ) -> Result<Self, HdrError> {
-        if !(2..=MAX_CAPTURES).contains(&levels.len()) || hands.len() + 1 != levels.len() {
+        if levels.len() > MAX_CAPTURES || hands.len() > MAX_CAPTURES {
             return Err(HdrError::Captures);
         }
-        let wrong = |(i, hand): (usize, &Hand)| {
-            usize::from(hand.decide) > i || hand.high_dn <= hand.low_dn
-        };
-        if let Some(i) = hands.iter().enumerate().position(wrong) {
-            return Err(HdrError::HandOver(i));
-        }
-        if ![16, 20, 24].contains(&linear_bits) || pedestal_dn >= 1 << linear_bits {
-            return Err(HdrError::Linear);
-        }
-        Ok(Self {
+        let merge = Self {
             levels: levels.iter().copied().collect(),
             hands: hands.iter().copied().collect(),
             linear_bits,
             pedestal_dn,
             flicker: None,
-        })
+        };
+        merge.check().map(|()| merge)
+    }
+
+    /// Checks a merge that came from elsewhere, as [`Self::new`] does.
+    ///
+    /// # Errors
+    /// [`HdrError::Captures`], [`HdrError::HandOver`], [`HdrError::Linear`].
+    pub fn check(&self) -> Result<(), HdrError> {
+        let captures = self.levels.len();
+        let lamp = self.flicker.map_or(0, |flicker| usize::from(flicker.capture));
+        if captures < 2 || self.hands.len() + 1 != captures || lamp >= captures {
+            return Err(HdrError::Captures);
+        }
+        let wrong = |(i, hand): (usize, &Hand)| {
+            usize::from(hand.decide) > i || hand.high_dn <= hand.low_dn
+        };
+        if let Some(i) = self.hands.iter().enumerate().position(wrong) {
+            return Err(HdrError::HandOver(i));
+        }
+        if ![16, 20, 24].contains(&self.linear_bits) || self.pedestal_dn >= 1 << self.linear_bits {
+            return Err(HdrError::Linear);
+        }
+        Ok(())
     }
 
     /// The same merge with a capture for lamps that flicker.
@@ -96,10 +111,8 @@ impl Merge {
     /// # Errors
     /// [`HdrError::Captures`] for a capture that there is not.
     pub fn with_flicker(self, flicker: Flicker) -> Result<Self, HdrError> {
-        if usize::from(flicker.capture) >= self.levels.len() {
-            return Err(HdrError::Captures);
-        }
-        Ok(Self { flicker: Some(flicker), ..self })
+        let merge = Self { flicker: Some(flicker), ..self };
+        merge.check().map(|()| merge)
     }
 
     /// Number of captures.
@@ -110,6 +123,11 @@ impl Merge {
     /// The hand-overs from the first capture on.
     pub fn hands(&self) -> &[Hand] {
         &self.hands
+    }
+
+    /// Bits of the linear signal: 16, 20 or 24.
+    pub fn linear_bits(&self) -> u8 {
+        self.linear_bits
     }
 
     /// The largest linear DN.
@@ -137,10 +155,17 @@ impl Merge {
     pub fn above_black(&self, codes: &[u16]) -> i64 {
         let mut merged = self.level(0, codes);
         for (k, hand) in self.hands.iter().enumerate() {
-            let code = codes.get(usize::from(hand.decide)).map_or(0, |&code| i64::from(code));
-            let (low, high) = (i64::from(hand.low_dn), i64::from(hand.high_dn));
-            let weight = ((code - low) * ONE).div_euclid(high - low).clamp(0, ONE);
+            let code = codes.get(usize::from(hand.decide)).copied().unwrap_or(0);
+            if code <= hand.low_dn {
+                continue;
+            }
             let next = self.level(k + 1, codes);
+            if code >= hand.high_dn {
+                merged = next;
+                continue;
+            }
+            let [above, ramp] = [code, hand.high_dn].map(|dn| u32::from(dn - hand.low_dn));
+            let weight = i64::from((above << FRACTION) / ramp);
             merged = (merged * (ONE - weight) + next * weight + HALF) >> FRACTION;
         }
         match self.flicker {

@@ -4,6 +4,7 @@
 //! firmware: Cortex-M boards in QEMU (`ci/tier-firmware` builds it and gives its folder in
 //! CAMRIG_FIRMWARE).
 
+mod captures;
 mod common;
 mod emulator;
 mod errors;

@@ -7,7 +7,7 @@ use camrig_camera::Camera;
 use camrig_camera::hdr::{Hdr, HdrOutput};
 use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::effects::Needs;
-use camrig_sensor_core::hdr::MAX_CAPTURES;
+use camrig_sensor_core::hdr::{MAX_CAPTURES, Readout};
 use rayon::prelude::*;
 
 /// A camera with `[sensor.hdr]`, set up for cubes of given bands: each capture a sensor, and what
@@ -15,6 +15,7 @@ use rayon::prelude::*;
 pub struct HdrSensor {
     sensors: Vec<SimulatedSensor>,
     hdr: Hdr,
+    readout: Readout,
 }
 
 /// One exposure of an [`HdrSensor`].
@@ -45,12 +46,18 @@ impl HdrSensor {
         }
         let captures = (0..hdr.captures.len()).filter_map(|i| camera.of_capture(i));
         let sensors = captures.map(|camera| SimulatedSensor::in_light(&camera, header, light));
-        Ok(Self { sensors: sensors.collect::<Result<_>>()?, hdr })
+        let readout = hdr.readout();
+        Ok(Self { sensors: sensors.collect::<Result<_>>()?, hdr, readout })
     }
 
     /// What the camera's file says of its captures.
     pub fn hdr(&self) -> &Hdr {
         &self.hdr
+    }
+
+    /// How its captures are taken, and what is sent of them.
+    pub fn readout(&self) -> &Readout {
+        &self.readout
     }
 
     /// The sensors of the captures.
@@ -59,7 +66,7 @@ impl HdrSensor {
     }
 
     /// One frame: `take` exposes the sensor of a capture, whose position it gets, with settings of
-    /// its own; here ([`SimulatedSensor::frame_with`]) or on a rig.
+    /// its own.
     ///
     /// # Errors
     /// Windows of a photodiode that overlap at this exposure; those of `take`.
@@ -95,24 +102,55 @@ impl HdrSensor {
     }
 
     /// What the sensor sends of a frame.
-    pub fn sent(&self, frame: HdrFrame, analog_gain: f64) -> Sent {
-        let hdr = &self.hdr;
-        let white = hdr.linear_white_dn(analog_gain);
+    pub fn sent(&self, frame: HdrFrame, analog_gain: f32) -> Sent {
+        let linear = frame.linear.data;
+        let samples = match (self.hdr.output, &self.hdr.companding) {
+            (HdrOutput::Captures, _) => {
+                Samples::Captures(frame.captures.into_iter().map(|frame| frame.data).collect())
+            }
+            (HdrOutput::Companded, Some(curve)) => {
+                Samples::Merged(linear.par_iter().map(|&linear| curve.code(linear)).collect())
+            }
+            _ if self.hdr.linear_bits() > u16::BITS => Samples::Wide(linear),
+            _ => Samples::Merged(linear.into_iter().map(|linear| linear as u16).collect()),
+        };
+        self.described(samples, analog_gain)
+    }
+
+    /// The frames of samples that the sensor has sent in a frame of this gain, here or on a rig.
+    pub fn described(&self, samples: Samples, analog_gain: f32) -> Sent {
+        let (config, hdr) = (&self.sensors[0].config, &self.hdr);
+        let (width, height) = (config.width as usize, config.height as usize);
+        let cfa = self.sensors[0].cfa().clone();
+        let white = hdr.linear_white_dn(analog_gain.into());
         let pedestal = hdr.merge.pedestal_dn();
-        let Plane { width, height, data } = frame.linear;
-        let cfa = frame.captures[0].cfa.clone();
-        match (hdr.output, &hdr.companding) {
-            (HdrOutput::Captures, _) => Sent::Captures(frame.captures),
-            (HdrOutput::Companded, Some(curve)) => Sent::Merged(RawFrame {
-                width,
-                height,
-                bits: curve.bits.into(),
-                cfa,
-                black_level_dn: curve.code(pedestal).into(),
-                white_level_dn: curve.code(white),
-                data: data.par_iter().map(|&linear| curve.code(linear)).collect(),
-            }),
-            _ if hdr.linear_bits() > u16::BITS => Sent::Wide(RawFrame {
+        match samples {
+            Samples::Captures(all) => {
+                let settings = FrameSettings::new(1.0).with_gain(analog_gain);
+                let captures = all.into_iter().zip(self.sensors.iter().zip(&hdr.captures));
+                let frame = |(data, (sensor, capture)): (_, (&SimulatedSensor, _))| {
+                    sensor.raw_frame(data, hdr.settings(capture, &settings).analog_gain)
+                };
+                Sent::Captures(captures.map(frame).collect())
+            }
+            Samples::Merged(data) => {
+                let (bits, black_level_dn, white_level_dn) = match &hdr.companding {
+                    Some(curve) if hdr.output == HdrOutput::Companded => {
+                        (curve.bits.into(), curve.code(pedestal).into(), curve.code(white))
+                    }
+                    _ => (u16::BITS, pedestal.into(), white as u16),
+                };
+                Sent::Merged(RawFrame {
+                    width,
+                    height,
+                    bits,
+                    cfa,
+                    black_level_dn,
+                    white_level_dn,
+                    data,
+                })
+            }
+            Samples::Wide(data) => Sent::Wide(RawFrame {
                 width,
                 height,
                 bits: hdr.linear_bits(),
@@ -121,17 +159,18 @@ impl HdrSensor {
                 white_level_dn: white,
                 data,
             }),
-            _ => Sent::Merged(RawFrame {
-                width,
-                height,
-                bits: u16::BITS,
-                cfa,
-                black_level_dn: pedestal.into(),
-                white_level_dn: white as u16,
-                data: data.iter().map(|&linear| linear as u16).collect(),
-            }),
         }
     }
+}
+
+/// The samples of a frame that a sensor of several captures sends.
+pub enum Samples {
+    /// Those of each capture.
+    Captures(Vec<Vec<u16>>),
+    /// The merged signal, on a curve or of 16 bits.
+    Merged(Vec<u16>),
+    /// The merged signal, of 20 or 24 bits.
+    Wide(Vec<u32>),
 }
 
 /// What a sensor sends of an exposure.

@@ -194,6 +194,11 @@ impl SimulatedSensor {
         }
     }
 
+    /// Its colour filter array.
+    pub fn cfa(&self) -> &camrig_base::Cfa {
+        &self.cfa
+    }
+
     /// The crosstalk table as `sensor-core` takes it.
     pub fn crosstalk(&self) -> Option<camrig_sensor_core::crosstalk::Crosstalk<'_>> {
         self.crosstalk.as_ref().map(CrosstalkTable::as_core)

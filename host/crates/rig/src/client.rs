@@ -11,18 +11,20 @@ use super::transport::Transport;
 use super::{Url, emulator, tcp};
 use camrig_base::{Error, ErrorCode, RawFrame, Result};
 use camrig_exposure::IrradianceCube;
+use camrig_exposure::hdr::{HdrSensor, Samples, Sent};
 use camrig_exposure::{Arithmetic, SimulatedSensor};
-use camrig_firmware_sim::camera;
-use camrig_firmware_sim::rig::frame_shape;
+use camrig_firmware_sim::camera::{self, Capture};
+use camrig_firmware_sim::raw_row::RawRow;
+use camrig_firmware_sim::rig as device;
 use camrig_formats::csi2::{self, Embedded};
 use camrig_rig_link::host::{Event, FrameIo, Host, HostStatistics, Poll};
 use camrig_rig_link::message::{
-    Before, Capabilities, Codec, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack,
-    NumberFormat, RECEIPT_BYTES, Refusal, Statistics, ToDevice, ToHost, camera_id,
+    Before, Capabilities, Exposure, Fault, FrameBegin, FrameShape, FrameStart, Nack, NumberFormat,
+    RECEIPT_BYTES, Refusal, SEVERAL_CAPTURES, Statistics, ToDevice, ToHost, camera_id,
 };
-use camrig_rig_link::packing::{Packing, unpack_row};
 use camrig_rig_link::registers::{MODEL_ID, UNITY_GAIN_CODE, address};
 use camrig_sensor_core::config::FrameSettings;
+use camrig_sensor_core::hdr::{Output, Readout};
 use rayon::prelude::*;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::{Duration, Instant};
@@ -37,8 +39,8 @@ const REOPEN_WAIT: Duration = Duration::from_millis(200);
 /// No attempt begins later than this after the link broke: with a rig that opens but does not
 /// answer, each takes some time.
 const REOPEN_PATIENCE: Duration = Duration::from_secs(20);
-/// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW16).
-const RAW_BITS: [u8; 5] = [8, 10, 12, 14, 16];
+/// Sample widths of raw rows that the link packs, bits (MIPI CSI-2 RAW8 to RAW24).
+const RAW_BITS: [u8; 7] = [8, 10, 12, 14, 16, 20, 24];
 /// Registers that inject a fault or a test pattern, and their names.
 const INJECTING: [(u16, &str); 2] =
     [(address::FAULT, "fault"), (address::TEST_PATTERN, "test pattern")];
@@ -85,8 +87,8 @@ pub struct RigFrame {
     pub packed: Vec<u8>,
     /// CRC-32C of each row that the rig sent out through its own raw output.
     pub receipts: Option<Vec<u32>>,
-    /// Their packing.
-    pub packing: Packing,
+    /// How a row lies in bytes.
+    pub raw_row: RawRow,
     /// The frame was dropped, as requested in the rig's fault register: there are no rows.
     pub dropped: bool,
     /// Exposure in lines, if it came from the registers of a rig with a line time.
@@ -309,7 +311,27 @@ impl Rig {
     /// A sensor whose rows, bands or tables are too large for the rig, effects that its firmware
     /// lacks, a link that fails.
     pub fn set_camera(&mut self, sensor: &SimulatedSensor) -> Result<()> {
-        if sensor.effects_with_traps() > 0 {
+        self.set_sensor(&OnLink::one(sensor))
+    }
+
+    /// Sends a sensor of several captures to the rig, which merges and compands them.
+    ///
+    /// # Errors
+    /// Those of [`Rig::set_camera`]; a rig without the firmware or the memory for so many captures.
+    pub fn set_captures(&mut self, sensor: &HdrSensor) -> Result<()> {
+        if self.device().codecs & SEVERAL_CAPTURES == 0 {
+            return Err(Error::unsupported("a sensor of several captures on this rig")
+                .at(&self.url)
+                .help(format!(
+                    "update its firmware, or give it memory for them; or choose a capture: {}",
+                    sensor.hdr().names()
+                )));
+        }
+        self.set_sensor(&OnLink::several(sensor))
+    }
+
+    fn set_sensor(&mut self, sensor: &OnLink<'_>) -> Result<()> {
+        if sensor.captures.iter().any(|capture| capture.effects_with_traps() > 0) {
             return Err(Error::unsupported(
                 "persistence on a rig, which has no memory for the charge of all pixels",
             )
@@ -318,21 +340,17 @@ impl Rig {
                 "expose these frames in this process, or remove the effect from the camera file",
             ));
         }
-        let crosstalk = sensor.crosstalk();
-        let table = crosstalk
-            .map_or(0, |c| c.x.len() + c.y.len() + c.wavelength_nm.len() + c.factors.len());
-        let words = table + sensor.config.table.len();
-        let mut bytes = vec![0; 2 * camera::CONFIG_BYTES + 4 * words];
-        let n = camera::encode(&sensor.config, crosstalk, &mut bytes)
+        self.camera = sensor
+            .encoded()
             .ok_or_else(|| Error::limit("the camera is too large for the link"))?;
-        bytes.truncate(n);
-        self.camera = bytes;
         let device = self.device();
-        let lacking: Vec<&str> = (sensor.config.effects.iter())
+        let effects = sensor.captures.iter().flat_map(|capture| &capture.config.effects);
+        let mut lacking: Vec<&str> = effects
             .map(|effect| effect.entry())
             .filter(|entry| !device.effects.contains(entry.id))
             .map(|entry| entry.kind)
             .collect();
+        lacking.dedup();
         if !lacking.is_empty() {
             let what =
                 format!("the rig's firmware lacks effects of the camera: {}", lacking.join(", "));
@@ -341,7 +359,8 @@ impl Rig {
                  (feature `catalogue`)",
             ));
         }
-        let (width, bands) = (sensor.config.width, u16::from(sensor.config.bands));
+        let config = &sensor.captures[0].config;
+        let (width, bands) = (config.width, u16::from(config.bands));
         if width > u32::from(device.max_width) {
             return Err(self.refused(Nack::Refused(Refusal::TooWide { max: device.max_width })));
         }
@@ -379,6 +398,22 @@ impl Rig {
         self.frame_from(&mut feed, sensor, request)
     }
 
+    /// Exposes one frame of a sensor of several captures to a cube that all of them see, or to one of
+    /// each.
+    ///
+    /// # Errors
+    /// Those of [`Rig::frame_from`]; windows of a photodiode that overlap at this exposure.
+    pub fn frame_of_captures(
+        &mut self,
+        cubes: &[&IrradianceCube],
+        sensor: &HdrSensor,
+        request: &FrameRequest,
+    ) -> Result<RigFrame> {
+        sensor.hdr().check_exposure(request.settings.exposure_s.into())?;
+        let mut feed = Feed::of_captures(cubes.to_vec());
+        self.frame_of(&mut feed, &OnLink::several(sensor), request)
+    }
+
     /// Exposes one frame to the light of a feed, which decides whether bands are collapsed. A
     /// broken link is reopened and the frame resumed where it was. If the rig's registers decide
     /// and have changed meanwhile, their previous values are restored.
@@ -392,7 +427,16 @@ impl Rig {
         sensor: &SimulatedSensor,
         request: &FrameRequest,
     ) -> Result<RigFrame> {
-        let (begin, shape, packing) = announcement(sensor, feed.codec(), request)?;
+        self.frame_of(feed, &OnLink::one(sensor), request)
+    }
+
+    fn frame_of(
+        &mut self,
+        feed: &mut Feed<'_>,
+        sensor: &OnLink<'_>,
+        request: &FrameRequest,
+    ) -> Result<RigFrame> {
+        let (begin, shape, raw_row) = announcement(sensor, feed, request)?;
         feed.for_codecs(self.device().codecs);
         let held = if request.by_registers { Some(self.held()?) } else { None };
         let line_ns = held.as_ref().and_then(Held::line_ns);
@@ -423,7 +467,7 @@ impl Rig {
                         start,
                         packed,
                         receipts,
-                        packing,
+                        raw_row,
                         dropped,
                         lines,
                         restored,
@@ -578,6 +622,10 @@ impl Rig {
                 "the camera's effects need more rows than the rig has memory for".into(),
                 "remove effects that read neighbouring rows, or use a rig with more memory",
             ),
+            Nack::Refused(Refusal::Captures { max }) => (
+                format!("the camera has too many captures for this rig, which takes {max}"),
+                "choose one capture, or use a rig with more memory",
+            ),
             Nack::Refused(Refusal::BadCamera) => (
                 format!("the rig refuses: {}", Refusal::BadCamera),
                 "use firmware as new as this program; mosaics of more than four channels need its \
@@ -600,7 +648,8 @@ impl Rig {
             Nack::Refused(
                 Refusal::TooWide { .. }
                 | Refusal::TooManyBands { .. }
-                | Refusal::CameraTooLong { .. },
+                | Refusal::CameraTooLong { .. }
+                | Refusal::Captures { .. },
             ) => Error::limit(what),
             Nack::Refused(_) => Error::input(what),
             Nack::Register(_) => Error::input(what).with_code(ErrorCode::RigRegister),
@@ -615,35 +664,79 @@ fn receipts(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|receipt| u32::from_le_bytes(*receipt)).collect()
 }
 
+/// A sensor as a rig takes it.
+struct OnLink<'s> {
+    captures: Vec<&'s SimulatedSensor>,
+    readout: Option<&'s Readout>,
+}
+
+impl<'s> OnLink<'s> {
+    fn one(sensor: &'s SimulatedSensor) -> Self {
+        Self { captures: vec![sensor], readout: None }
+    }
+
+    fn several(sensor: &'s HdrSensor) -> Self {
+        Self { captures: sensor.captures().iter().collect(), readout: Some(sensor.readout()) }
+    }
+
+    /// Its bytes on the link.
+    fn encoded(&self) -> Option<Vec<u8>> {
+        let captures = self
+            .captures
+            .iter()
+            .map(|sensor| Capture { config: &sensor.config, crosstalk: sensor.crosstalk() });
+        let words = |capture: Capture<'_>| {
+            let crosstalk = capture.crosstalk;
+            let table = crosstalk
+                .map_or(0, |c| c.x.len() + c.y.len() + c.wavelength_nm.len() + c.factors.len());
+            table + capture.config.table.len()
+        };
+        let words: usize = captures.clone().map(words).sum();
+        let mut bytes = vec![0; 2 * camera::CONFIG_BYTES * (1 + self.captures.len()) + 4 * words];
+        let n = match (self.readout, &self.captures[..]) {
+            (None, [one]) => camera::encode(&one.config, one.crosstalk(), &mut bytes),
+            (readout, _) => camera::encode_captures(readout?, captures, &mut bytes),
+        }?;
+        bytes.truncate(n);
+        Some(bytes)
+    }
+}
+
 /// The host's announcement of a frame, the sizes on the link that follow from it, and how raw rows
-/// are returned.
+/// lie in bytes.
 fn announcement(
-    sensor: &SimulatedSensor,
-    codec: Codec,
+    sensor: &OnLink<'_>,
+    feed: &Feed<'_>,
     request: &FrameRequest,
-) -> Result<(FrameBegin, FrameShape, Packing)> {
-    let config = &sensor.config;
-    let raw_bits = RAW_BITS.into_iter().find(|&b| b >= config.bits).unwrap_or(16);
+) -> Result<(FrameBegin, FrameShape, RawRow)> {
+    let captures = sensor.captures.iter().map(|sensor| &sensor.config).collect();
+    let on_device = device::Sensor { captures, readout: sensor.readout };
+    let config = &sensor.captures[0].config;
     let too_large = || {
         Error::limit(format!(
             "a frame of {} x {} pixels in {} bands is too large for the link",
-            config.width, config.height, config.bands
+            config.width,
+            config.height,
+            feed.bands()
         ))
         .help("send fewer bands, or mean electrons")
         .with_code(ErrorCode::FrameTooLarge)
     };
-    let mut shape = frame_shape(config, codec, raw_bits).ok_or_else(too_large)?;
+    let bits = RAW_BITS.into_iter().find(|&bits| on_device.raw_row(bits).is_some());
+    let raw_bits = bits.ok_or_else(too_large)?;
+    let raw_row = on_device.raw_row(raw_bits).ok_or_else(too_large)?;
+    let bands = u16::try_from(feed.bands()).map_err(|_| too_large())?;
+    let mut shape = on_device.frame_shape(bands, raw_bits).ok_or_else(too_large)?;
     if request.rows_stay {
         shape.raw_bytes = RECEIPT_BYTES as u16;
     }
-    let packing = Packing::of_bits(raw_bits.into()).ok_or_else(too_large)?;
     let begin = FrameBegin {
         transfer: 0,
         frame: request.settings.frame,
         rows: shape.rows,
         width: config.width as u16, // frame_shape has a unit count, so the width is small
-        bands: if codec == Codec::Electrons16 { 1 } else { config.bands.into() },
-        codec,
+        bands,
+        codec: feed.codec(),
         arithmetic: match request.arithmetic {
             Arithmetic::F32 => NumberFormat::F32,
             Arithmetic::Fixed => NumberFormat::Fixed,
@@ -656,19 +749,17 @@ fn announcement(
             analog_gain: request.settings.analog_gain,
         }),
     };
-    Ok((begin, shape, packing))
+    Ok((begin, shape, raw_row))
 }
 
 /// What the rig is told of the previous frame. Its exposure only where the sensor remembers it and
 /// it may differ from this one's: older rigs do not take it.
-fn before(sensor: &SimulatedSensor, request: &FrameRequest) -> Before {
+fn before(sensor: &OnLink<'_>, request: &FrameRequest) -> Before {
     let FrameSettings { exposure_s, previous_exposure_s, .. } = request.settings;
+    let remembers = || sensor.captures.iter().any(|one| remembering(one).next().is_some());
     match previous_exposure_s {
         _ if !request.lit_before => Before::Dark,
-        Some(previous)
-            if (request.by_registers || previous != exposure_s)
-                && remembering(sensor).next().is_some() =>
-        {
+        Some(previous) if (request.by_registers || previous != exposure_s) && remembers() => {
             Before::LitFor { exposure_s: previous }
         }
         _ => Before::Lit,
@@ -699,7 +790,7 @@ impl RigFrame {
         }
         line.put(address::TEST_PATTERN, &start.test_pattern.to_be_bytes());
         line.put(csi2::address::SEED, &start.seed.to_be_bytes());
-        line.line(self.packing.bits())
+        line.line(self.raw_row.packing.bits())
     }
 
     /// What the rig did to the samples on request, in words: a fault or a test pattern.
@@ -717,6 +808,39 @@ impl RigFrame {
     /// # Errors
     /// A dropped frame, which has no rows; one whose rows the rig sent out itself.
     pub fn to_raw(&self, sensor: &SimulatedSensor) -> Result<RawFrame> {
+        let data = self.samples(sensor.config.width as usize, sensor.config.height as usize)?;
+        Ok(sensor.raw_frame(data, self.start.exposure.analog_gain))
+    }
+
+    /// Unpacks what a sensor of several captures has sent.
+    ///
+    /// # Errors
+    /// Those of [`Self::to_raw`].
+    pub fn to_sent(&self, sensor: &HdrSensor) -> Result<Sent> {
+        let config = &sensor.captures()[0].config;
+        let width = config.width as usize;
+        let in_row = width * self.raw_row.rows * if self.raw_row.halves { 2 } else { 1 };
+        let samples = self.samples(in_row, config.height as usize)?;
+        let samples = if self.raw_row.halves {
+            let half = self.raw_row.packing.bits();
+            let (pairs, _) = samples.as_chunks();
+            Samples::Wide(
+                pairs.iter().map(|&[a, b]| u32::from(a) << half | u32::from(b)).collect(),
+            )
+        } else if sensor.readout().output == Output::Captures {
+            let of = |capture: usize| {
+                let rows = samples.chunks(in_row);
+                rows.flat_map(|row| &row[capture * width..][..width]).copied().collect()
+            };
+            Samples::Captures((0..self.raw_row.rows).map(of).collect())
+        } else {
+            Samples::Merged(samples)
+        };
+        Ok(sensor.described(samples, self.start.exposure.analog_gain))
+    }
+
+    /// The samples of all rows, so many in each.
+    fn samples(&self, in_row: usize, height: usize) -> Result<Vec<u16>> {
         if self.dropped {
             let what = format!("the rig dropped frame {}, as requested", self.start.frame);
             return Err(Error::disagreement(what)
@@ -728,14 +852,14 @@ impl RigFrame {
                 .at("the rig")
                 .help("take them from the rig's own raw output, or request them"));
         }
-        let (width, height) = (sensor.config.width as usize, sensor.config.height as usize);
-        let mut data = vec![0; width * height];
-        let rows = self.packed.par_chunks(self.packing.row_bytes(width));
-        data.par_chunks_mut(width).zip(rows).try_for_each(|(row, packed)| {
-            unpack_row(self.packing, packed, row)
+        let mut data = vec![0; in_row * height];
+        let rows = self.packed.par_chunks((self.packed.len() / height.max(1)).max(1));
+        data.par_chunks_mut(in_row).zip(rows).try_for_each(|(row, packed)| {
+            self.raw_row
+                .unpack(packed, row)
                 .map_err(|e| Error::internal(format!("a raw row of {} bytes", e.found)))
         })?;
-        Ok(sensor.raw_frame(data, self.start.exposure.analog_gain))
+        Ok(data)
     }
 }
 

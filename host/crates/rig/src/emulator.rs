@@ -3,13 +3,14 @@
 use super::inbox::Inlet;
 use super::transport::{ByteLink, MAX_PACKET, Transport};
 use camrig_exposure::parallel::Parallel;
-use camrig_firmware_sim::{Buffers, Memory, Rig, RowMemory, ServeError, serve};
+use camrig_firmware_sim::{Buffers, CaptureMemory, Memory, Rig, RowMemory, ServeError, serve};
 use camrig_rig_link::device::Device;
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
 use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
 use camrig_sensor_core::collect::Sums;
 use camrig_sensor_core::config::MAX_BANDS;
+use camrig_sensor_core::hdr::MAX_CAPTURES;
 use camrig_sensor_core::spectral::{GROUP, groups};
 use std::io;
 use std::sync::mpsc;
@@ -57,6 +58,7 @@ struct Worker {
     mantissas: Vec<u16>,
     exponents: Vec<i8>,
     crosstalk: Vec<f32>,
+    captures: Vec<CaptureMemory>,
 }
 
 impl Worker {
@@ -67,6 +69,7 @@ impl Worker {
             mantissas: vec![0; MAX_WIDTH],
             exponents: vec![0; groups(MAX_WIDTH)],
             crosstalk: vec![0.0; CROSSTALK],
+            captures: (1..MAX_CAPTURES).map(|_| CaptureMemory::EMPTY).collect(),
         }
     }
 
@@ -74,6 +77,7 @@ impl Worker {
         let (bands, exponents) = (&mut self.mantissas, &mut self.exponents);
         let memory = Memory::new(bands, exponents, &mut self.crosstalk, MAX_BANDS as u16);
         let memory = memory.with_float(self.float.lend()).with_fixed(self.fixed.lend());
+        let memory = memory.with_captures(&mut self.captures);
         Rig::new(FIRMWARE, memory)
     }
 }

@@ -234,7 +234,7 @@ impl Rows {
         which: RangeInclusive<u32>,
         mut change: impl FnMut(u32, &mut [u16]),
     ) -> Result<(), WrongSize> {
-        let packing = taken.packing;
+        let packing = taken.raw_row.packing;
         let mut samples = vec![0; self.columns];
         for (row, packed) in (0..).zip(taken.packed.chunks_mut(packing.row_bytes(self.columns))) {
             if which.contains(&row) {
@@ -299,6 +299,7 @@ fn what(text: &str) -> Option<What> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use camrig_firmware_sim::raw_row::RawRow;
     use camrig_rig_link::message::{Exposure, Fault, FrameShape, FrameStart};
     use camrig_rig_link::packing::Packing;
 
@@ -324,7 +325,8 @@ mod tests {
             fault: Fault::None,
         };
         let (dropped, receipts, lines, restored) = (false, None, None, None);
-        RigFrame { start, packed, receipts, packing, dropped, lines, restored }
+        let raw_row = RawRow { packing, rows: 1, halves: false };
+        RigFrame { start, packed, receipts, raw_row, dropped, lines, restored }
     }
 
     /// Samples of the first column, counter and faults in words; no samples of a dropped frame.

@@ -2,7 +2,7 @@
 
 use camrig_base::{Error, Result};
 use camrig_exposure::SimulatedSensor;
-use camrig_exposure::{Chunk, IrradianceCube};
+use camrig_exposure::{Chunk, CubeHeader, IrradianceCube};
 use camrig_firmware_sim::memory::UNIT_BYTES;
 use camrig_rig_link::message::{Codec, WIDE_GROUPS};
 use camrig_sensor_core::arith::{Arith, Float};
@@ -16,10 +16,10 @@ use rayon::prelude::*;
 /// cache.
 const ROWS: usize = 64;
 
-/// Gives the spectral rows of a cube, unit by unit. Rows at hand are kept in their form on the
-/// link.
+/// Gives the spectral rows of a cube, or of the cubes of several captures, unit by unit. Rows at hand
+/// are kept in their form on the link.
 pub struct Feed<'a> {
-    cube: &'a IrradianceCube,
+    cubes: Vec<&'a IrradianceCube>,
     collapse: Option<&'a SimulatedSensor>,
     /// Rows made at a time: [`ROWS`], or all.
     at_once: usize,
@@ -33,7 +33,24 @@ pub struct Feed<'a> {
 impl<'a> Feed<'a> {
     /// All bands of a cube.
     pub fn spectral(cube: &'a IrradianceCube) -> Self {
-        Self { cube, collapse: None, at_once: ROWS, reads_wide: true, first: 0, bytes: Vec::new() }
+        Self::of_captures(vec![cube])
+    }
+
+    /// All bands of what all captures of a sensor see, or of what each of them sees; at least one,
+    /// all of one size and with the same bands.
+    pub fn of_captures(cubes: Vec<&'a IrradianceCube>) -> Self {
+        Self {
+            cubes,
+            collapse: None,
+            at_once: ROWS,
+            reads_wide: true,
+            first: 0,
+            bytes: Vec::new(),
+        }
+    }
+
+    fn header(&self) -> &'a CubeHeader {
+        &self.cubes[0].header
     }
 
     /// Mean electrons per second: the sum over the bands for this sensor. Rounding to 16 bits per
@@ -44,12 +61,12 @@ impl<'a> Feed<'a> {
 
     /// Makes all rows at once and keeps them for further frames: [`Feed::bytes`] of memory.
     pub fn kept(self) -> Self {
-        Self { at_once: self.cube.header.height, ..self }
+        Self { at_once: self.header().height, ..self }
     }
 
     /// Bytes of a frame on the link.
     pub fn bytes(&self) -> usize {
-        self.cube.header.height * self.row_bytes()
+        self.header().height * self.row_bytes()
     }
 
     /// How its rows are coded.
@@ -57,9 +74,13 @@ impl<'a> Feed<'a> {
         if self.collapse.is_some() { Codec::Electrons16 } else { Codec::Bfp16 }
     }
 
+    /// Bands of a row.
+    pub fn bands(&self) -> usize {
+        if self.collapse.is_some() { 1 } else { self.cubes.len() * self.header().bands }
+    }
+
     fn row_bytes(&self) -> usize {
-        let bands = if self.collapse.is_some() { 1 } else { self.cube.header.bands };
-        bands * groups(self.cube.header.width) * UNIT_BYTES
+        self.bands() * groups(self.header().width) * UNIT_BYTES
     }
 
     /// For a rig with these codecs, as [`Capabilities::codecs`] has them.
@@ -94,21 +115,23 @@ impl<'a> Feed<'a> {
 
     /// Makes rows from `row` on, or all of them.
     fn make(&mut self, row: usize) -> Result<()> {
-        let header = &self.cube.header;
+        let header = self.header();
         let first = if self.at_once == header.height { 0 } else { row };
         let count = self.at_once.min(header.height - first);
         let row_bytes = self.row_bytes();
         self.bytes.resize(count * row_bytes, 0);
-        let (cube, collapse) = (self.cube, self.collapse);
+        let (cubes, collapse) = (&self.cubes, self.collapse);
         let rows = self.bytes.par_chunks_mut(ROWS.min(count) * row_bytes).enumerate();
         rows.try_for_each(|(i, out)| {
             let first = first + i * ROWS;
-            let load = |band| cube.chunk(band, first, out.len() / row_bytes);
-            let bands = (0..cube.header.bands).map(load).collect::<Result<Vec<_>>>()?;
+            let bands = cubes.iter().flat_map(|cube| (0..header.bands).map(move |b| (cube, b)));
+            let load =
+                |(cube, b): (&&'a IrradianceCube, _)| cube.chunk(b, first, out.len() / row_bytes);
+            let bands = bands.map(load).collect::<Result<Vec<_>>>()?;
             match collapse {
                 Some(sensor) => collapsed_rows(sensor, &bands, first, out),
                 None => {
-                    spectral_rows(&bands, cube.header.width, first, out);
+                    spectral_rows(&bands, header.width, first, out);
                     Ok(())
                 }
             }

@@ -1,8 +1,9 @@
 //! The sensor stage, in this process or on a rig: the same bytes.
 
 use super::remembering::remembering;
-use super::{FrameRequest, Rig};
+use super::{FrameRequest, Rig, RigFrame};
 use camrig_base::{Error, RawFrame, Result};
+use camrig_exposure::hdr::{HdrSensor, Sent};
 use camrig_exposure::{Arithmetic, FrameOptions, IrradianceCube, SimulatedSensor, Traps};
 use camrig_sensor_core::config::FrameSettings;
 
@@ -47,6 +48,57 @@ impl SensorStage {
         self.rig.as_mut().map_or(Ok(()), |rig| rig.set_camera(sensor))
     }
 
+    /// Sets the sensor of several captures whose frames follow.
+    ///
+    /// # Errors
+    /// Those of [`Rig::set_captures`].
+    pub fn set_captures(&mut self, sensor: &HdrSensor) -> Result<()> {
+        self.rig.as_mut().map_or(Ok(()), |rig| rig.set_captures(sensor))
+    }
+
+    /// What a sensor of several captures sends of a frame under `now`: light that all captures see,
+    /// or that of each. `before` is that of the frame before, as for [`Self::frame`].
+    ///
+    /// # Errors
+    /// Those of [`HdrSensor::frame`] and [`Self::frame`].
+    pub fn sent(
+        &mut self,
+        sensor: &HdrSensor,
+        now: &[&IrradianceCube],
+        before: Option<&[&IrradianceCube]>,
+        settings: &FrameSettings,
+    ) -> Result<Sent> {
+        let Some(rig) = &mut self.rig else {
+            let arithmetic = self.arithmetic;
+            let frame = sensor.frame(settings, |i, one, settings| {
+                let before = before.map(|cubes| seen(cubes, i));
+                one.frame_with(
+                    seen(now, i),
+                    settings,
+                    FrameOptions { before, traps: None, arithmetic },
+                )
+            })?;
+            return Ok(sensor.sent(frame, settings.analog_gain));
+        };
+        let same = |i| before.is_some_and(|before| std::ptr::eq(seen(before, i), seen(now, i)));
+        let captures = sensor.captures();
+        let lit_before = (0..captures.len()).all(same);
+        if before.is_some()
+            && !lit_before
+            && let Some(effect) = captures.iter().find_map(|one| remembering(one).next())
+        {
+            return Err(changing_light(effect));
+        }
+        let request = FrameRequest {
+            arithmetic: self.arithmetic,
+            lit_before,
+            ..FrameRequest::new(*settings)
+        };
+        let frame = rig.frame_of_captures(now, sensor, &request)?;
+        check(&frame, settings)?;
+        frame.to_sent(sensor)
+    }
+
     /// One frame under `cube`, after one under `before` (dark where none) for the previous exposure
     /// of `settings`. Without `before` it is the sensor's first; else it follows the one taken
     /// last.
@@ -83,25 +135,36 @@ impl SensorStage {
             ..FrameRequest::new(*settings)
         };
         let frame = rig.frame(cube, sensor, &request)?;
-        if let Some(what) = frame.injected() {
-            let what = format!("frame {} was altered by the rig: {what}", settings.frame);
-            return Err(Error::disagreement(what)
-                .help("another host wrote the rig's fault or test-pattern register; try again"));
-        }
-        let (asked, given) = (settings, frame.start.exposure);
-        if given.exposure_s != asked.exposure_s || given.analog_gain != asked.analog_gain {
-            return Err(Error::disagreement(format!(
-                "the rig exposed frame {} for {} s at gain {} instead of {} s at gain {}",
-                settings.frame,
-                given.exposure_s,
-                given.analog_gain,
-                asked.exposure_s,
-                asked.analog_gain
-            ))
-            .help("ask for an exposure and a gain that the rig keeps"));
-        }
+        check(&frame, settings)?;
         frame.to_raw(sensor)
     }
+}
+
+/// What a capture sees: what all do, or its own light.
+fn seen<'c>(cubes: &[&'c IrradianceCube], capture: usize) -> &'c IrradianceCube {
+    cubes.get(capture).unwrap_or(&cubes[0])
+}
+
+/// Checks that a rig has taken a frame as it was asked to.
+fn check(frame: &RigFrame, settings: &FrameSettings) -> Result<()> {
+    if let Some(what) = frame.injected() {
+        let what = format!("frame {} was altered by the rig: {what}", settings.frame);
+        return Err(Error::disagreement(what)
+            .help("another host wrote the rig's fault or test-pattern register; try again"));
+    }
+    let (asked, given) = (settings, frame.start.exposure);
+    if given.exposure_s != asked.exposure_s || given.analog_gain != asked.analog_gain {
+        return Err(Error::disagreement(format!(
+            "the rig exposed frame {} for {} s at gain {} instead of {} s at gain {}",
+            settings.frame,
+            given.exposure_s,
+            given.analog_gain,
+            asked.exposure_s,
+            asked.analog_gain
+        ))
+        .help("ask for an exposure and a gain that the rig keeps"));
+    }
+    Ok(())
 }
 
 /// Light that changes from frame to frame, under a sensor with an effect that remembers it.

@@ -29,7 +29,7 @@ use crate::{Camera, Window};
 use camrig_base::{Error, Result, Spectrum};
 use camrig_sensor_core::config::{FrameSettings, Streams};
 use camrig_sensor_core::effects::Effect;
-use camrig_sensor_core::hdr::{Companding, Merge};
+use camrig_sensor_core::hdr::{Companding, Merge, Output, Ratios, Readout};
 
 /// A photodiode of a pixel.
 #[derive(Clone, Debug)]
@@ -141,11 +141,18 @@ impl Hdr {
 
     /// The settings of a capture in a frame with `settings`: its exposures and gain.
     pub fn settings(&self, capture: &Capture, settings: &FrameSettings) -> FrameSettings {
-        let exposure = |s: f32| (f64::from(s) * capture.exposure_ratio) as f32;
-        let gain = (f64::from(settings.analog_gain) * capture.gain_ratio) as f32;
-        let mut own = settings.with_exposure(exposure(settings.exposure_s)).with_gain(gain);
-        own.previous_exposure_s = settings.previous_exposure_s.map(exposure);
-        own
+        capture.ratios().settings(settings)
+    }
+
+    /// How the captures are taken, and what is sent of them, as `camrig-sensor-core` has it.
+    pub fn readout(&self) -> Readout {
+        let output = match (self.output, &self.companding) {
+            (HdrOutput::Captures, _) => Output::Captures,
+            (HdrOutput::Companded, Some(curve)) => Output::Companded(curve.clone()),
+            _ => Output::Linear,
+        };
+        let ratios = self.captures.iter().map(Capture::ratios).collect();
+        Readout { ratios, merge: self.merge.clone(), output }
     }
 
     /// When the captures collect light in frames of this exposure.
@@ -212,7 +219,7 @@ impl Hdr {
 
     /// Bits of the linear signal.
     pub fn linear_bits(&self) -> u32 {
-        self.merge.max_dn().ilog2() + 1
+        self.merge.linear_bits().into()
     }
 
     /// Rows that a capture is sent late, after the first that the sensor sends of a frame.
@@ -235,6 +242,10 @@ impl Hdr {
 }
 
 impl Capture {
+    fn ratios(&self) -> Ratios {
+        Ratios { exposure: self.exposure_ratio, gain: self.gain_ratio }
+    }
+
     /// Largest DN.
     fn max_dn(&self) -> f64 {
         f64::from((1u32 << self.bits) - 1)
