@@ -36,20 +36,16 @@ impl<'m> Rig<'m> {
         self.sink = Some(sink);
     }
 
-    /// The frame in progress with everything that it needs; `None` between frames. Making it costs
-    /// about as much as a few hundred pixels, so keep it while parts arrive.
-    pub fn running(&mut self) -> Option<AnyRunning<'_>> {
-        self.running_and_sink().map(|(running, _)| running)
-    }
-
-    /// [`Rig::running`], and where its rows go.
-    pub(crate) fn running_and_sink(
+    /// Calls `work` with the frame in progress and everything that it needs, and where its rows go;
+    /// `None` between frames. Making it costs about as much as a few hundred pixels, so keep it while
+    /// parts arrive.
+    pub fn with_running<T>(
         &mut self,
-    ) -> Option<(AnyRunning<'_>, Option<&mut (dyn RowSink + Send + 'm)>)> {
-        let frame = self.frame.as_mut()?;
-        let (camera, memory) = (&self.camera, &mut self.memory);
-        let running = AnyRunning::new(camera, frame, memory)?;
-        Some((running, self.sink.as_deref_mut()))
+        work: impl FnOnce(&mut AnyRunning<'_, '_>, Option<&mut (dyn RowSink + Send + 'm)>) -> T,
+    ) -> Option<T> {
+        let frame = self.frame.as_ref()?;
+        let (camera, memory, sink) = (&self.camera, &mut self.memory, self.sink.as_deref_mut());
+        AnyRunning::with(camera, frame, memory, |mut running| work(&mut running, sink))
     }
 
     fn max_width(&self) -> usize {
@@ -243,15 +239,11 @@ impl Model for Rig<'_> {
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
-        if let Some(mut running) = self.running() {
-            running::units(&mut running, row, first, units);
-        }
+        let _ = self.with_running(|running, _| running::units(running, row, first, units));
     }
 
     fn raw_row(&mut self, row: u16, out: &mut [u8]) {
-        if let Some(mut running) = self.running() {
-            running::raw_row(&mut running, row, out);
-        }
+        let _ = self.with_running(|running, _| running::raw_row(running, row, out));
     }
 
     fn sink(&mut self) -> Option<&mut dyn RowSink> {

@@ -106,11 +106,11 @@ struct Chain<'r, A: Arith> {
 }
 
 /// A frame in progress, in one arithmetic.
-pub struct Running<'r, A: Arith> {
+pub struct Running<'c, 'r, A: Arith> {
     frame: &'r Frame,
     readout: Option<&'r Readout>,
-    collector: Collector<'r, A>,
-    chains: heapless::Vec<Chain<'r, A>, MAX_CAPTURES>,
+    collector: &'c mut Collector<'r, A>,
+    chains: &'c mut [Chain<'r, A>],
     width: usize,
     /// Bands of a light.
     bands: usize,
@@ -177,35 +177,37 @@ impl<'r, A: Arith> Chain<'r, A> {
     }
 }
 
-impl<'r, A: Arith> Running<'r, A> {
-    fn new(
+impl<'c, 'r, A: Arith> Running<'c, 'r, A> {
+    /// Calls `work` with the frame. What is large of it lies here, so that nobody moves it.
+    fn with<T>(
         camera: &'r CameraStore<'_>,
         frame: &'r Frame,
         memory: &'r mut RowMemory<'_, A>,
-        mantissas: &'r mut [u16],
-        exponents: &'r mut [i8],
-    ) -> Option<Self> {
+        (mantissas, exponents): (&'r mut [u16], &'r mut [i8]),
+        work: impl FnOnce(Running<'_, 'r, A>) -> T,
+    ) -> Option<T> {
         let (mut rows, mut sums) = (&mut *memory.rows, &mut *memory.sums);
         let readout = camera.readout();
-        let mut chains = heapless::Vec::new();
+        let mut chains: heapless::Vec<Chain<'r, A>, MAX_CAPTURES> = heapless::Vec::new();
         for (i, capture) in camera.captures().enumerate() {
             let ratios = readout.and_then(|readout| readout.ratios.get(i));
             let settings = ratios.map_or(frame.settings, |own| own.settings(&frame.settings));
             let chain = Chain::new(capture, frame, &settings, &mut rows, &mut sums)?;
             chains.push(chain).ok()?;
         }
-        let first: &Chain<'_, A> = chains.first()?;
+        let first = chains.first()?;
         let width = first.config.width as usize;
-        Some(Self {
+        let mut collector = Collector::of(first.exposed.clone());
+        Some(work(Running {
             frame,
             readout,
-            collector: Collector::of(first.exposed.clone()),
+            collector: &mut collector,
             width,
             bands: usize::from(frame.begin.bands) / frame.lights,
             mantissas: mantissas.get_mut(..width * chains.len())?,
             exponents: exponents.get_mut(..groups(width))?,
-            chains,
-        })
+            chains: &mut chains,
+        }))
     }
 
     #[inline(always)]
@@ -229,10 +231,10 @@ impl<'r, A: Arith> Running<'r, A> {
                 let mantissas = &self.mantissas[..self.width];
                 let whole = BandRow { exponents: self.exponents, mantissas };
                 let codec = self.frame.begin.codec;
-                for chain in seen(&mut self.chains, self.frame.lights, band / self.bands) {
+                for chain in seen(self.chains, self.frame.lights, band / self.bands) {
                     let place = (row.into(), band % self.bands);
                     let mut padded = [0; GROUP];
-                    chain.add_band(&mut self.collector, codec, place, whole.groups(&mut padded));
+                    chain.add_band(self.collector, codec, place, whole.groups(&mut padded));
                 }
                 if band + 1 == bands {
                     self.keep(row.into());
@@ -249,9 +251,9 @@ impl<'r, A: Arith> Running<'r, A> {
         let (units, _) = units.as_chunks::<UNIT_BYTES>();
         let codec = self.frame.begin.codec;
         for (band, units) in units.chunks_exact(self.exponents.len()).enumerate() {
-            for chain in seen(&mut self.chains, self.frame.lights, band / self.bands) {
+            for chain in seen(self.chains, self.frame.lights, band / self.bands) {
                 let place = (row.into(), band % self.bands);
-                chain.add_band(&mut self.collector, codec, place, units.iter().map(group_of));
+                chain.add_band(self.collector, codec, place, units.iter().map(group_of));
             }
         }
         self.keep(row.into());
@@ -260,7 +262,7 @@ impl<'r, A: Arith> Running<'r, A> {
     /// A row begins.
     #[inline(always)]
     fn clear(&mut self) {
-        for chain in &mut self.chains {
+        for chain in &mut *self.chains {
             chain.sums.fill([A::Sum::default(); GROUP]);
         }
     }
@@ -268,7 +270,7 @@ impl<'r, A: Arith> Running<'r, A> {
     /// A row is complete.
     #[inline(always)]
     fn keep(&mut self, row: u32) {
-        for chain in &mut self.chains {
+        for chain in &mut *self.chains {
             chain.keep(row);
         }
     }
@@ -365,46 +367,47 @@ fn test_pattern(pattern: u16, solid: u16, max: u16, row: u16, dn: &mut [u16]) {
 }
 
 /// A frame in progress, in the arithmetic that it asked for.
-#[allow(clippy::large_enum_variant, reason = "both are alike but for padding")]
 #[non_exhaustive]
-pub enum AnyRunning<'r> {
+pub enum AnyRunning<'c, 'r> {
     /// In f32.
     #[cfg(feature = "float")]
-    Float(Running<'r, Float>),
+    Float(Running<'c, 'r, Float>),
     /// In fixed point.
     #[cfg(feature = "fixed")]
-    Fixed(Running<'r, Fixed>),
+    Fixed(Running<'c, 'r, Fixed>),
 }
 
 /// [`AnyRunning::units`] as a separate function, so that a firmware contains it once.
 #[inline(never)]
-pub(crate) fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, bytes: &[u8]) {
+pub(crate) fn units(running: &mut AnyRunning<'_, '_>, row: u16, first: u16, bytes: &[u8]) {
     running.units(row, first, bytes);
 }
 
 /// [`AnyRunning::raw_row`] as a separate function, so that a firmware contains it once.
 #[inline(never)]
-pub(crate) fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
+pub(crate) fn raw_row(running: &mut AnyRunning<'_, '_>, row: u16, out: &mut [u8]) {
     running.raw_row(row, out);
 }
 
-impl<'r> AnyRunning<'r> {
-    pub(crate) fn new(
+impl<'r> AnyRunning<'_, 'r> {
+    /// Calls `work` with the frame; `None` where the memory does not do for it.
+    pub(crate) fn with<T>(
         camera: &'r CameraStore<'_>,
         frame: &'r Frame,
         memory: &'r mut Memory<'_>,
-    ) -> Option<Self> {
-        let (mantissas, exponents) = (&mut *memory.mantissas, &mut *memory.exponents);
+        work: impl FnOnce(AnyRunning<'_, 'r>) -> T,
+    ) -> Option<T> {
+        let bands = (&mut *memory.mantissas, &mut *memory.exponents);
         match frame.begin.arithmetic {
             #[cfg(feature = "float")]
             NumberFormat::F32 => {
                 let rows = memory.float.as_mut()?;
-                Running::new(camera, frame, rows, mantissas, exponents).map(Self::Float)
+                Running::with(camera, frame, rows, bands, |own| work(AnyRunning::Float(own)))
             }
             #[cfg(feature = "fixed")]
             NumberFormat::Fixed => {
                 let rows = memory.fixed.as_mut()?;
-                Running::new(camera, frame, rows, mantissas, exponents).map(Self::Fixed)
+                Running::with(camera, frame, rows, bands, |own| work(AnyRunning::Fixed(own)))
             }
             _ => None,
         }

@@ -159,12 +159,12 @@ fn is_of_frame(packet: &[u8]) -> bool {
 /// Calls the row functions of a frame in progress; an implementation may count or time them.
 pub trait Dispatch {
     /// Calls [`AnyRunning::units`].
-    fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, units: &[u8]) {
+    fn units(running: &mut AnyRunning<'_, '_>, row: u16, first: u16, units: &[u8]) {
         running::units(running, row, first, units);
     }
 
     /// Calls [`AnyRunning::raw_row`].
-    fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
+    fn raw_row(running: &mut AnyRunning<'_, '_>, row: u16, out: &mut [u8]) {
         running::raw_row(running, row, out);
     }
 }
@@ -207,10 +207,11 @@ pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
     let mut open = port.wait()?;
     while open {
         open = if is_of_frame(port.packet())
-            && let Some((running, sink)) = rig.running_and_sink()
-        {
-            let mut model = Streaming::<D> { running, sink, dispatch: PhantomData };
-            port.run(device, &mut model, is_of_frame)?
+            && let Some(open) = rig.with_running(|running, sink| {
+                let mut model = Streaming::<D> { running, sink, dispatch: PhantomData };
+                port.run(device, &mut model, is_of_frame)
+            }) {
+            open?
         } else {
             port.run(device, rig, |packet| !is_of_frame(packet))?
         };
@@ -219,13 +220,13 @@ pub fn serve_rig<D: Dispatch, L: Read + Write, const RAW: usize>(
 }
 
 /// A frame in progress as the device's model; it only receives packets of that frame.
-struct Streaming<'r, 's, D> {
-    running: AnyRunning<'r>,
-    sink: Option<&'r mut (dyn RowSink + Send + 's)>,
+struct Streaming<'w, 'c, 'r, 's, D> {
+    running: &'w mut AnyRunning<'c, 'r>,
+    sink: Option<&'w mut (dyn RowSink + Send + 's)>,
     dispatch: PhantomData<D>,
 }
 
-impl<D: Dispatch> Model for Streaming<'_, '_, D> {
+impl<D: Dispatch> Model for Streaming<'_, '_, '_, '_, D> {
     fn capabilities(&self) -> Capabilities {
         Capabilities::default()
     }
@@ -243,11 +244,11 @@ impl<D: Dispatch> Model for Streaming<'_, '_, D> {
     }
 
     fn units(&mut self, row: u16, first: u16, units: &[u8]) {
-        D::units(&mut self.running, row, first, units);
+        D::units(self.running, row, first, units);
     }
 
     fn raw_row(&mut self, row: u16, out: &mut [u8]) {
-        D::raw_row(&mut self.running, row, out);
+        D::raw_row(self.running, row, out);
     }
 
     fn sink(&mut self) -> Option<&mut dyn RowSink> {

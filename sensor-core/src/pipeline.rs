@@ -48,8 +48,8 @@ impl<A: Arith, F: FnMut(u32, &mut [Block<A::Signal>])> MeanRows<A> for F {
 }
 
 #[derive(Clone, Copy)]
-struct Link {
-    effect: Effect,
+struct Link<'a> {
+    effect: &'a Effect,
     key: Key,
     /// [`Context::pattern_of`] and [`Context::noise_of`].
     pattern_of: u8,
@@ -58,7 +58,7 @@ struct Link {
     passed_gain: f32,
 }
 
-impl Link {
+impl Link<'_> {
     /// What its effect knows of a row, beyond what all do.
     #[inline(always)]
     fn context<'a>(&self, cx: &Context<'a>) -> Context<'a> {
@@ -108,7 +108,7 @@ struct Run<'a, S> {
 /// The signal chain of one frame.
 pub struct Pipeline<'a, A: Arith> {
     config: &'a SensorConfig,
-    chain: heapless::Vec<Link, MAX_EFFECTS>,
+    chain: heapless::Vec<Link<'a>, MAX_EFFECTS>,
     /// Number of effects on light and photo-electrons, the first of the chain.
     light: usize,
     now: Run<'a, A::Signal>,
@@ -253,7 +253,10 @@ fn inputs<'r, S>(
 
 /// The links of a level, those between two windows, with their places in the chain.
 #[inline(always)]
-fn of_level(chain: &[Link], level: usize) -> impl Iterator<Item = (usize, &Link)> {
+fn of_level<'c, 'a>(
+    chain: &'c [Link<'a>],
+    level: usize,
+) -> impl Iterator<Item = (usize, &'c Link<'a>)> {
     let mut passed = 0;
     chain.iter().enumerate().filter(move |(_, link)| {
         passed += usize::from(link.effect.entry().needs == Needs::Neighbours);
@@ -262,7 +265,11 @@ fn of_level(chain: &[Link], level: usize) -> impl Iterator<Item = (usize, &Link)
 }
 
 /// What the stages of a frame know before its first row.
-fn context<'a>(config: &'a SensorConfig, settings: &FrameSettings, chain: &[Link]) -> Context<'a> {
+fn context<'a>(
+    config: &'a SensorConfig,
+    settings: &FrameSettings,
+    chain: &[Link<'_>],
+) -> Context<'a> {
     let at_gain = config.at_gain(settings.analog_gain);
     let mut cx = Context {
         width: config.width,
@@ -319,7 +326,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
     ) -> Result<Self, ConfigError> {
         config.check()?;
         settings.check()?;
-        let mut chain: heapless::Vec<Link, MAX_EFFECTS> = heapless::Vec::new();
+        let mut chain: heapless::Vec<Link<'a>, MAX_EFFECTS> = heapless::Vec::new();
         #[cfg_attr(
             not(feature = "gain-stage"),
             allow(unused_mut, reason = "nothing passes it on")
@@ -335,7 +342,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                 Domain::Voltage => [capture, capture],
                 _ => [photodiode, window],
             };
-            let link = Link { effect: *effect, key, pattern_of, noise_of, passed_gain };
+            let link = Link { effect, key, pattern_of, noise_of, passed_gain };
             chain.push(link).map_err(|_| ConfigError::Memory)?;
             #[cfg(feature = "gain-stage")]
             if let Effect::GainStage(stage) = effect {
@@ -407,7 +414,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
                     let inputs = inputs(link.effect.entry().needs, beside, previous);
                     let cx = link.context(&cx);
                     #[cfg(feature = "persistence")]
-                    if let Effect::Persistence(effect) = &link.effect
+                    if let Effect::Persistence(effect) = link.effect
                         && !is_before
                     {
                         let with_traps = |l: &&Link| l.effect.entry().id == link.effect.entry().id;

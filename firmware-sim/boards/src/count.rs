@@ -80,11 +80,11 @@ pub fn totals() -> [u32; 3] {
 pub struct Counted;
 
 impl Dispatch for Counted {
-    fn units(running: &mut AnyRunning<'_>, row: u16, first: u16, units: &[u8]) {
+    fn units(running: &mut AnyRunning<'_, '_>, row: u16, first: u16, units: &[u8]) {
         count(&COLLECT, || Plain::units(running, row, first, units));
     }
 
-    fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
+    fn raw_row(running: &mut AnyRunning<'_, '_>, row: u16, out: &mut [u8]) {
         count(&COMPUTE, || Plain::raw_row(running, row, out));
     }
 }

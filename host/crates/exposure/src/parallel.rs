@@ -73,10 +73,8 @@ impl<'m> Parallel<'m> {
         };
         let shares = self.raw.par_chunks_mut(share * raw_bytes).zip(&mut self.rigs).enumerate();
         shares.for_each(|(i, (out, rig))| {
-            if let Some(mut running) = rig.running() {
-                let from = first + (i * share) as u16; // below `last`, a u16
-                rows(&mut running, from, shape, spectral_row, out);
-            }
+            let from = first + (i * share) as u16; // below `last`, a u16
+            let _ = rig.with_running(|running, _| rows(running, from, shape, spectral_row, out));
         });
         self.computed = first..first + count as u16;
     }
@@ -84,7 +82,7 @@ impl<'m> Parallel<'m> {
 
 /// Computes the raw rows from `first` on that fill `out`.
 fn rows<'a>(
-    running: &mut AnyRunning<'_>,
+    running: &mut AnyRunning<'_, '_>,
     first: u16,
     shape: &FrameShape,
     spectral_row: impl Fn(u16) -> &'a [u8],
@@ -105,12 +103,12 @@ fn rows<'a>(
 // itself is that of `rows`.
 
 #[vectorised]
-fn whole_row(running: &mut AnyRunning<'_>, row: u16, units: &[u8]) {
+fn whole_row(running: &mut AnyRunning<'_, '_>, row: u16, units: &[u8]) {
     running.whole_row(row, units);
 }
 
 #[vectorised]
-fn raw_row(running: &mut AnyRunning<'_>, row: u16, out: &mut [u8]) {
+fn raw_row(running: &mut AnyRunning<'_, '_>, row: u16, out: &mut [u8]) {
     running.raw_row_by(row, out, (Float::ROW, Fixed::ROW));
 }
 

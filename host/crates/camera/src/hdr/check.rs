@@ -282,11 +282,6 @@ fn companding(file: &HdrFile) -> Result<Option<Companding>> {
             _ => Ok(None),
         };
     };
-    if ![10, 12, 14, 16].contains(&own.bits) {
-        return Err(Error::input(format!("bits = {}", own.bits))
-            .at(place)
-            .help("codes have 10, 12, 14 or 16 bits"));
-    }
     let end = 1u64 << file.merge.linear_bits;
     if let Some((x, _)) = own.knees.iter().find(|(x, _)| u64::from(*x) > end) {
         return Err(Error::input(format!("a knee at {x}"))
@@ -297,10 +292,12 @@ fn companding(file: &HdrFile) -> Result<Option<Companding>> {
         RoundingFile::Floor => Rounding::Floor,
         RoundingFile::Nearest => Rounding::Nearest,
     };
-    let curve =
-        Curve::new(&own.knees, rounding).map_err(|e| Error::input(e.to_string()).at(place))?;
+    let core = |e: camrig_sensor_core::hdr::HdrError| Error::input(e.to_string()).at(place);
+    let curve = Curve::new(&own.knees, rounding).map_err(core)?;
     let (bits, subtract_dn, pedestal_dn) = (own.bits, own.subtract_dn, own.pedestal_dn);
-    Ok(Some(Companding { curve, bits, subtract_dn, pedestal_dn }))
+    let companding = Companding { curve, bits, subtract_dn, pedestal_dn };
+    companding.check().map_err(core)?;
+    Ok(Some(companding))
 }
 
 /// Hand-overs that end where noise reaches the end of the deciding capture.

@@ -91,6 +91,8 @@ fn what_cannot_be_is_refused_with_the_reason() {
         ("photodiode = \"small\"", "photodiode = \"medium\"", "there are large, small"),
         ("decide = \"small\"", "decide = \"tiny\"", "no capture \"tiny\""),
         ("window = 1\n", "window = 0\n", "window 0 is not that of capture \"hcg\""),
+        ("window = 2\n", "window = 0\n", "start_us and exposure_ratio"),
+        ("window = 2\nstart_us = 20000\n", "window = 0\nstart_us = 0\n", "same photodiode"),
         ("low_dn = 3000\nhigh_dn = 3600", "low_dn = 3600\nhigh_dn = 3600", "high_dn is above"),
         ("high_dn = 3600", "high_dn = 3950", "standard deviations"),
         ("[1024, 832]", "[640, 832]", "knee 1"),
@@ -103,6 +105,7 @@ fn what_cannot_be_is_refused_with_the_reason() {
         ("gains = [1, 4, 64, 4096]", "gains = [1, 4, 64.001, 4096]", "multiples of 1/256"),
         ("to = \"lcg\"", "to = \"small\"", "to \"lcg\""),
         ("overflow_leak = 0", "overflow_leak = 0.1", "use 0"),
+        ("subtract_dn = 0", "subtract_dn = 16777216", "subtract_dn"),
         ("bits = 12\nsubtract", "bits = 11\nsubtract", "10, 12, 14 or 16"),
         ("flicker_capture = \"none\"", "flicker_capture = \"led\"", "no capture \"led\""),
     ] {
