@@ -69,7 +69,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
     };
     let light = cube.header.illuminant.as_deref().map(Illuminant::parse).transpose()?;
-    let sensor = Sensor::in_light(&camera, &cube.header, factor)?;
+    let sensor = Sensor::in_light(&camera, &cube.header, factor, &args.frames.readout)?;
     let exposure_s = args.frames.exposure_s(&camera, sensor.first(), &cube)?;
     let (illuminant, first) = (light.as_ref(), &cube);
     let subject = Subject { camera: &camera, sensor: &sensor, exposure_s, illuminant, first };

@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
         cube.save(path, frames.force)?;
     }
-    let sensor = Sensor::in_light(&camera, &cube.header, 1.0)?;
+    let sensor = Sensor::in_light(&camera, &cube.header, 1.0, &frames.readout)?;
     if matches!(sensor, Sensor::Several(_)) && lights.change_within_frames() && until_over {
         return Err(Error::unsupported("several windows in one frame of a sequence in time")
             .help(

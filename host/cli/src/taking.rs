@@ -2,6 +2,7 @@
 
 use super::arguments::{self, FrameArgs};
 use super::frame_sink::{FrameSink, Named};
+use super::readout::ReadoutArgs;
 use super::scene_lights::NextLight;
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::hdr::Hdr;
@@ -27,11 +28,19 @@ pub enum Sensor {
 
 impl Sensor {
     /// The sensor of `camera` in `light` times the light that a cube with this header was made for.
-    pub fn in_light(camera: &Camera, header: &CubeHeader, light: f64) -> Result<Self> {
-        Ok(match camera.sensor.hdr {
-            None => Self::One(Box::new(SimulatedSensor::in_light(camera, header, light)?)),
-            Some(_) => Self::Several(Box::new(HdrSensor::in_light(camera, header, light)?)),
-        })
+    /// Where pixels are binned, they are so before the curve.
+    pub fn in_light(
+        camera: &Camera,
+        header: &CubeHeader,
+        light: f64,
+        readout: &ReadoutArgs,
+    ) -> Result<Self> {
+        if camera.sensor.hdr.is_none() {
+            return Ok(Self::One(Box::new(SimulatedSensor::in_light(camera, header, light)?)));
+        }
+        let sensor = HdrSensor::in_light(camera, header, light)?;
+        let sensor = if readout.bins() { sensor.before_curve() } else { sensor };
+        Ok(Self::Several(Box::new(sensor)))
     }
 
     /// The sensor, or its most sensitive capture: what automatic exposure looks at.
@@ -185,18 +194,9 @@ fn opened(args: &FrameArgs) -> Result<SensorStage> {
 
 /// The stage of a sensor with several captures.
 fn several(args: &FrameArgs, sensor: &HdrSensor) -> Result<SensorStage> {
-    let refused = |what: &str, help: &str| Err(Error::unsupported(what).help(help));
     if args.hdr.is_some() {
-        return refused(
-            "--hdr of a sensor of several captures",
-            "omit it: the camera's [sensor.hdr] says how they are taken",
-        );
-    }
-    if args.readout.bins() {
-        return refused(
-            "binning of a sensor of several captures",
-            "omit --binning, or simulate one capture with --capture",
-        );
+        return Err(Error::unsupported("--hdr of a sensor of several captures")
+            .help("omit it: the camera's [sensor.hdr] says how they are taken"));
     }
     let mut stage = opened(args)?;
     stage.set_captures(sensor)?;
@@ -273,14 +273,18 @@ fn several_frames(
         name: None,
         embedded: vec![render::embedded_line(hdr, settings, bits)],
     };
-    match sent {
-        Sent::Merged(frame) => sink.write_named(&is(frame.bits), &readout.of(frame)?, &merged),
-        Sent::Wide(frame) => sink.write_wide(&is(frame.bits), &readout.of(frame)?, &merged),
+    let read = match sent {
+        Sent::Merged(frame) => Sent::Merged(readout.of(frame)?),
+        Sent::Wide(frame) => Sent::Wide(readout.of(frame)?),
         Sent::Captures(frames) => {
             let frames = frames.into_iter().map(|frame| readout.of(frame));
-            let frames = frames.collect::<Result<Vec<_>>>()?;
-            captures(args, subject, hdr, &frames, (light, settings), sink)
+            Sent::Captures(frames.collect::<Result<_>>()?)
         }
+    };
+    match sensor.on_curve(read) {
+        Sent::Merged(frame) => sink.write_named(&is(frame.bits), &frame, &merged),
+        Sent::Wide(frame) => sink.write_wide(&is(frame.bits), &frame, &merged),
+        Sent::Captures(frames) => captures(args, subject, hdr, &frames, (light, settings), sink),
     }
 }
 

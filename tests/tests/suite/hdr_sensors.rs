@@ -127,6 +127,29 @@ fn receivers_give_back_the_linear_signal() {
     }
 }
 
+/// Pixels are binned before the curve, here and with a rig.
+#[test]
+fn binned_codes_are_those_of_the_binned_signal() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = "colorchecker --lux 30000 --exposure 11.264ms";
+    std::fs::write(folder.path().join("l.toml"), hdr::camera("split4", SIZE, "linear")).unwrap();
+    camrig_ok(folder.path(), &format!("simulate --camera l.toml --scene {scene} -o l.npy"));
+    let bytes = std::fs::read(folder.path().join("l.npy")).unwrap();
+    let linear = camrig::formats::wide::decode(&bytes).unwrap().unwrap().planes.remove(0).data;
+    for rig in ["", " --rig emulator:"] {
+        let binned = simulate(folder.path(), "companded", &format!("{scene} --binning 2x2{rig}"));
+        let width = SIZE[0] as usize;
+        assert_eq!(binned[0].len(), linear.len() / 4);
+        for (i, &code) in binned[0].iter().enumerate() {
+            let at = 2 * (i / (width / 2)) * width + 2 * (i % (width / 2));
+            let sum: u32 = [0, 1, width, width + 1].iter().map(|beside| linear[at + beside]).sum();
+            let (first, step) = decompanded(code.into());
+            let mean = i64::from((sum + 2) / 4);
+            assert!((first..first + step).contains(&mean), "{rig} {i}: {mean}, {code}");
+        }
+    }
+}
+
 /// The linear signal of 24 bits, and the captures on virtual channels.
 #[test]
 fn wide_samples_and_channels_are_the_same_in_every_format() {
@@ -179,7 +202,7 @@ fn the_page_says_what_holds_for_merged_codes() {
     assert!(output.status.code() == Some(2) && said.contains("omit --report"), "{said}");
 }
 
-/// A rig takes the captures one after the other, and one of them alone.
+/// A rig merges and compands, and takes one capture alone.
 #[test]
 fn a_rig_gives_the_codes_of_this_process() {
     let folder = tempfile::tempdir().unwrap();
@@ -274,7 +297,7 @@ fn what_does_not_go_with_several_captures_is_refused() {
     let scene = "--camera c.toml --scene colorchecker --exposure 11.264ms -o a.npy";
     for (arguments, words) in [
         (format!("simulate {scene} --hdr rows:4"), "[sensor.hdr]"),
-        (format!("simulate {scene} --binning 2x2"), "--binning"),
+        (format!("simulate {scene} --binning 2x2:charge"), "several captures"),
         (scene_of("a.dng"), "more than 16 bits"),
         (format!("simulate {scene} --capture none"), "captures are hcg, lcg, small, very-short"),
         (format!("simulate {scene} --path components"), "in bands"),

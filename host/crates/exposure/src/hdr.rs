@@ -2,12 +2,12 @@
 
 use super::CubeHeader;
 use super::sensor::SimulatedSensor;
-use camrig_base::{Error, Plane, RawFrame, Result};
+use camrig_base::{Dn, Error, Plane, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_camera::hdr::{Hdr, HdrOutput};
 use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::effects::Needs;
-use camrig_sensor_core::hdr::{MAX_CAPTURES, Readout};
+use camrig_sensor_core::hdr::{Companding, MAX_CAPTURES, Output, Readout};
 use rayon::prelude::*;
 
 /// A camera with `[sensor.hdr]`, set up for cubes of given bands: each capture a sensor, and what
@@ -53,6 +53,29 @@ impl HdrSensor {
     /// What the camera's file says of its captures.
     pub fn hdr(&self) -> &Hdr {
         &self.hdr
+    }
+
+    /// The same sensor before its curve: it sends the merged signal where it would send codes. A frame
+    /// of it becomes codes by [`Self::on_curve`].
+    #[must_use]
+    pub fn before_curve(mut self) -> Self {
+        if matches!(self.readout.output, Output::Companded(_)) {
+            self.readout.output = Output::Linear;
+        }
+        self
+    }
+
+    /// What the sensor sends after its curve; the same of a sensor that is not [`Self::before_curve`],
+    /// or has none.
+    pub fn on_curve(&self, sent: Sent) -> Sent {
+        let is_due = self.hdr.output == HdrOutput::Companded
+            && matches!(self.readout.output, Output::Linear);
+        let curve = self.hdr.companding.as_ref().filter(|_| is_due);
+        match (curve, sent) {
+            (Some(curve), Sent::Wide(frame)) => Sent::Merged(companded(curve, frame)),
+            (Some(curve), Sent::Merged(frame)) => Sent::Merged(companded(curve, frame)),
+            (_, sent) => sent,
+        }
     }
 
     /// How its captures are taken, and what is sent of them.
@@ -104,15 +127,17 @@ impl HdrSensor {
     /// What the sensor sends of a frame.
     pub fn sent(&self, frame: HdrFrame, analog_gain: f32) -> Sent {
         let linear = frame.linear.data;
-        let samples = match (self.hdr.output, &self.hdr.companding) {
-            (HdrOutput::Captures, _) => {
+        let samples = match &self.readout.output {
+            Output::Captures => {
                 Samples::Captures(frame.captures.into_iter().map(|frame| frame.data).collect())
             }
-            (HdrOutput::Companded, Some(curve)) => {
+            Output::Companded(curve) => {
                 Samples::Merged(linear.par_iter().map(|&linear| curve.code(linear)).collect())
             }
-            _ if self.hdr.linear_bits() > u16::BITS => Samples::Wide(linear),
-            _ => Samples::Merged(linear.into_iter().map(|linear| linear as u16).collect()),
+            Output::Linear if self.hdr.linear_bits() > u16::BITS => Samples::Wide(linear),
+            Output::Linear => {
+                Samples::Merged(linear.into_iter().map(|linear| linear as u16).collect())
+            }
         };
         self.described(samples, analog_gain)
     }
@@ -134,8 +159,8 @@ impl HdrSensor {
                 Sent::Captures(captures.map(frame).collect())
             }
             Samples::Merged(data) => {
-                let (bits, black_level_dn, white_level_dn) = match &hdr.companding {
-                    Some(curve) if hdr.output == HdrOutput::Companded => {
+                let (bits, black_level_dn, white_level_dn) = match &self.readout.output {
+                    Output::Companded(curve) => {
                         (curve.bits.into(), curve.code(pedestal).into(), curve.code(white))
                     }
                     _ => (u16::BITS, pedestal.into(), white as u16),
@@ -160,6 +185,20 @@ impl HdrSensor {
                 data,
             }),
         }
+    }
+}
+
+/// A linear frame as codes on a curve.
+fn companded<S: Dn>(curve: &Companding, frame: RawFrame<S>) -> RawFrame {
+    let code = |linear: S| curve.code(linear.into());
+    RawFrame {
+        width: frame.width,
+        height: frame.height,
+        bits: curve.bits.into(),
+        cfa: frame.cfa,
+        black_level_dn: curve.code(frame.black_level_dn as u32).into(),
+        white_level_dn: code(frame.white_level_dn),
+        data: frame.data.into_iter().map(code).collect(),
     }
 }
 

@@ -146,6 +146,9 @@ pub fn charge_binned(camera: &Camera, n: u32) -> Result<Camera> {
             "bin digitally, or take a monochrome camera without effects beyond the base model",
         )
     };
+    if camera.sensor.hdr.is_some() {
+        return Err(refuse("a sensor of several captures"));
+    }
     if camera.sensor.cfa.letters.len() != 1 {
         return Err(refuse(&format!("the pattern {}", camera.sensor.cfa)));
     }

@@ -7,9 +7,16 @@ use camrig_base::Bands;
 use camrig_camera::hdr::Hdr;
 use camrig_camera::hdr::expected::Expected;
 use camrig_camera::{Camera, Change};
-use camrig_sensor_core::arith::{Arith, Block, Fixed, Float};
-use camrig_sensor_core::config::FrameSettings;
+use camrig_firmware_sim::camera::{Capture, encode_captures};
+use camrig_firmware_sim::{CaptureMemory, Memory, Rig, RowMemory, rig as device};
+use camrig_rig_link::device::Model;
+use camrig_rig_link::message::{Before, Codec, Exposure, FrameBegin, NumberFormat};
+use camrig_rig_link::registers::Registers;
+use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float};
+use camrig_sensor_core::config::{FrameSettings, SensorConfig};
 use camrig_sensor_core::effects::Effect;
+use camrig_sensor_core::hdr::{Output, Readout};
+use camrig_sensor_core::spectral::GROUP;
 use camrig_testing::{hdr, shared};
 use std::collections::HashMap;
 
@@ -107,6 +114,114 @@ fn codes_without_noise<A: Vector>() {
 fn codes_without_noise_are_those_of_the_closed_form() {
     codes_without_noise::<Float>();
     codes_without_noise::<Fixed>();
+}
+
+/// What a rig's device sends of a pixel in one arithmetic, without noise: these electrons in each
+/// capture.
+fn sent_by_a_rig(
+    sensor: &HdrSensor,
+    output: Output,
+    electrons: &[[f64; 2]],
+    settings: &FrameSettings,
+    arithmetic: NumberFormat,
+) -> Vec<u16> {
+    let readout = Readout { output, ..sensor.readout().clone() };
+    let configs: Vec<SensorConfig> = (sensor.captures().iter().zip(&readout.ratios))
+        .zip(electrons)
+        .map(|((capture, ratios), [light, dark])| {
+            let mut config = capture.config.clone();
+            config.effects.retain(|e| matches!(e, Effect::FullWell(_)));
+            // In light of 1 W m⁻² nm⁻¹ these are the electrons of the exposure.
+            let per_s = (light + dark) / f64::from(ratios.settings(settings).exposure_s);
+            config.response = [per_s as f32].into_iter().collect();
+            config
+        })
+        .collect();
+    let captures = configs.iter().map(|config| Capture { config, crosstalk: None });
+    let mut camera = vec![0; 16_384];
+    let n = encode_captures(&readout, captures, &mut camera).unwrap();
+
+    let (mut float, mut fixed) = (vec![[0.0; BLOCK]; 8], vec![[Default::default(); BLOCK]; 8]);
+    let (mut sums, mut fixed_sums) = ([[0.0; GROUP]; 4], [[0; GROUP]; 4]);
+    let (mut mantissas, mut exponents) = ([0; 4 * GROUP], [0; 4]);
+    let mut more = [const { CaptureMemory::EMPTY }; 3];
+    let memory = Memory::new(&mut mantissas, &mut exponents, &mut [], 1)
+        .with_float(RowMemory { rows: &mut float, sums: &mut sums })
+        .with_fixed(RowMemory { rows: &mut fixed, sums: &mut fixed_sums })
+        .with_captures(&mut more);
+    let mut rig = Rig::new("test", memory);
+    rig.camera_piece(0, &camera[..n]).unwrap();
+    rig.camera_end().unwrap();
+    let on_link = device::Sensor { captures: configs.iter().collect(), readout: Some(&readout) };
+    let raw_bits = [12, 16, 20, 24].into_iter().find(|b| on_link.raw_row(*b).is_some()).unwrap();
+    let raw_row = on_link.raw_row(raw_bits).unwrap();
+    let begin = FrameBegin {
+        transfer: 0,
+        frame: 0,
+        rows: 1,
+        width: 1,
+        bands: 1,
+        codec: Codec::Bfp16,
+        arithmetic,
+        raw_bits,
+        temperature_c: 20.0,
+        before: Before::Dark,
+        exposure: None,
+    };
+    let exposure = Exposure { exposure_s: settings.exposure_s, analog_gain: 1.0 };
+    rig.begin(&begin, exposure, &Registers::new()).unwrap();
+    let mut unit = [0; 33];
+    // 2¹⁵ x 2⁻¹⁵ in the first of its 16 pixels.
+    (unit[0], unit[2]) = (-15i8 as u8, 0x80);
+    rig.units(0, 0, &unit);
+    let mut packed = vec![0; raw_row.bytes(1)];
+    rig.raw_row(0, &mut packed);
+    let mut samples = vec![0; raw_row.rows * if raw_row.halves { 2 } else { 1 }];
+    raw_row.unpack(&packed, &mut samples).unwrap();
+    samples
+}
+
+/// The device of a rig, from its camera's bytes to its packed row: captures within the tolerance of
+/// the golden figures, merge and curve exact.
+#[test]
+fn a_rig_sends_the_codes_of_the_closed_form() {
+    let Some(rows) = golden("expected_dn.csv") else { return };
+    for name in hdr::CAMERAS {
+        let camera = camera(name, [1, 1], &[]);
+        let described = camera.sensor.hdr.as_ref().unwrap();
+        let sensor = HdrSensor::in_light(&camera, &header(&camera), 1.0).unwrap();
+        let exposure_s = hdr::exposure_s(name);
+        let settings = FrameSettings::new(exposure_s as f32);
+        for row in rows.iter().filter(|row| row["camera"] == name) {
+            let each = electrons(described, exposure_s, row["mu_e"].parse().unwrap());
+            for arithmetic in [NumberFormat::F32, NumberFormat::Fixed] {
+                let sent = |output| sent_by_a_rig(&sensor, output, &each, &settings, arithmetic);
+                let codes = sent(Output::Captures);
+                let wanted: Vec<u16> =
+                    row["capture_dn"].split(' ').map(|dn| dn.parse().unwrap()).collect();
+                for (i, (code, wanted)) in codes.iter().zip(&wanted).enumerate() {
+                    let (_, to_half) = exact(described, i, each[i][0] + each[i][1]);
+                    let off = code.abs_diff(*wanted);
+                    assert!(off == 0 || (off == 1 && to_half < 0.01), "{name} {row:?}: {code}");
+                }
+                let linear = match sent(Output::Linear)[..] {
+                    [whole] => u32::from(whole),
+                    [upper, lower] => {
+                        u32::from(upper) << (described.linear_bits() / 2) | u32::from(lower)
+                    }
+                    _ => panic!("one pixel"),
+                };
+                assert_eq!(linear, described.merge.linear(&codes), "{name} {row:?}");
+                let companding = described.companding.as_ref().unwrap();
+                let companded = sent(Output::Companded(companding.clone()));
+                assert_eq!(companded, [companding.code(linear)], "{name} {row:?}");
+                if codes == wanted {
+                    assert_eq!(linear.to_string(), row["linear_dn"], "{name} {row:?}");
+                    assert_eq!(companded[0].to_string(), row["companded_dn"], "{name} {row:?}");
+                }
+            }
+        }
+    }
 }
 
 /// Share of levels at which any capture has another code than in f64.
