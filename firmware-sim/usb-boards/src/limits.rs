@@ -1,4 +1,4 @@
-//! The rig's limits, which are the sizes of its static memory: 266 KiB of the 512 KiB that both
+//! The rig's limits, which are the sizes of its static memory: 287 KiB of the 512 KiB that both
 //! chips have.
 
 /// Longest row, pixels: a row of 4096 pixels takes 16 KiB for each row of means.
