@@ -12,7 +12,7 @@ use camrig::rig::feed::Feed;
 use camrig::rig::transport::MAX_PACKET;
 use camrig::rig::{FrameRequest, Rig, hid, serial, serve};
 use camrig::scene::Bands;
-use camrig_firmware_sim::rig::frame_shape;
+use camrig_firmware_sim::rig as device;
 use camrig_rig_link::device::Model;
 use camrig_rig_link::framing::Framing;
 use camrig_rig_link::host::Limits;
@@ -132,7 +132,9 @@ fn sensor_stage() {
         let cube = cube(256, bands);
         let sensor = SimulatedSensor::new(&camera, &cube.header).unwrap();
         let settings = camera.settings(0, EXPOSURE_S, None);
-        let shape = frame_shape(&sensor.config, Codec::Bfp16, BITS).unwrap();
+        let on_link =
+            device::Sensor { captures: [&sensor.config].into_iter().collect(), readout: None };
+        let shape = on_link.frame_shape(bands as u16, BITS).unwrap();
         let mut feed = Feed::spectral(&cube).kept();
         let row_bytes = feed.bytes() / 256;
         let mut spectral = vec![0; feed.bytes()];
