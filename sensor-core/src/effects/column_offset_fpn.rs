@@ -9,7 +9,7 @@ effect! {
     ///
     /// v += σ z(x) + d z'(x), d = t 2^((T − T_ref)/T_d) σ_d, with z and z' standard normal and fixed:
     /// the second part is that of dark current in the columns' storage, which grows with exposure
-    /// and temperature as [`dark_current`](super::dark_current) does, without shot noise.
+    /// and temperature as `dark-current` does, without shot noise.
     /// Input-referred. EMVA 1288 release 4.0, column part of DSNU.
     ///
     /// Closed form: variance of column means σ² + d², of their differences between frames 0.

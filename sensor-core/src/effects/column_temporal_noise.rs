@@ -9,7 +9,7 @@ effect! {
     ///
     /// v += σ z(x, frame), with z standard normal, white over columns and frames. Input-referred.
     /// Janesick 2007. The counterpart for rows is
-    /// [`row_temporal_noise`](super::row_temporal_noise).
+    /// `row-temporal-noise`.
     ///
     /// Closed form: over frames the variance of a column mean is σ² G^(2p) above that of its white
     /// noise.

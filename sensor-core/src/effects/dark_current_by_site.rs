@@ -9,7 +9,7 @@ effect! {
     /// pixels share transistors or lie beside them.
     ///
     /// q += Poisson(t g I_p) with p = 2 (y mod 2) + x mod 2, t the exposure and g the growth with
-    /// temperature as in [`dark_current`](super::dark_current). It adds to the uniform dark
+    /// temperature as in `dark-current`. It adds to the uniform dark
     /// current. EMVA 1288 release 4.0, section 7, for each place.
     ///
     /// Closed form: mean and temporal variance of a place t g I_p.

@@ -10,7 +10,7 @@ effect! {
     /// is warmer.
     ///
     /// q += Poisson(t g I (1 + u cos θ + v sin θ)/2), not below 0, with u, v in −1..1 over the
-    /// array and g the growth with temperature as in [`dark_current`](super::dark_current). It
+    /// array and g the growth with temperature as in `dark-current`. It
     /// adds to the uniform dark current.
     ///
     /// Closed form: mean t g I (1 + u cos θ + v sin θ)/2, temporal variance the same.

@@ -8,7 +8,7 @@ use rand_core::Rng;
 effect! {
     /// Defective areas: a few rectangles of pixels respond with a fraction of the others' gain or
     /// not at all, or have far more dark current: whole rows (as wide as the sensor, one high),
-    /// parts of rows, clusters. Columns are in [`defective_columns`](super::defective_columns) too.
+    /// parts of rows, clusters. Columns are in `defective-columns` too.
     ///
     /// µ' = g µ + t I 2^((T − T_ref)/T_d) in n rectangles, each anywhere on the sensor; t is the
     /// exposure. Where rectangles overlap, each acts on what the one before it leaves. What they

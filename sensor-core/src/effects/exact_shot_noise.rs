@@ -7,7 +7,7 @@ use rand_core::Rng;
 use rand_distr::{Distribution, Poisson};
 
 effect! {
-    /// Exact shot noise: the stage [`shot_noise`](super::shot_noise) draws its counts from the
+    /// Exact shot noise: the stage `shot-noise` draws its counts from the
     /// exact Poisson law in f64, by multiplication below a mean of 12 and by rejection above.
     ///
     /// This effect only alters the shot-noise stage; alone it does nothing. It is about ten times

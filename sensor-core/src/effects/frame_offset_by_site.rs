@@ -8,7 +8,7 @@ effect! {
     /// frame to frame, as where the four are read through paths of their own, each with its clamp.
     ///
     /// v += o_p,n with p = 2 (y mod 2) + x mod 2 and o_p,n = φ o_p,(n−1) + σ √(1−φ²) z_p,n: four
-    /// offsets of the law of [`frame_offset_noise`](super::frame_offset_noise), independent of each
+    /// offsets of the law of `frame-offset-noise`, independent of each
     /// other. Input-referred. EMVA 1288 release 4.0, section 2.5.
     ///
     /// Closed form: a place's means over frames have variance σ² G^(2p) and autocorrelation φ^|h|;

@@ -9,7 +9,7 @@ effect! {
     /// (reflection below the microlens, diffusion of charge). It acts before shot noise, so it
     /// blurs and mixes colours but leaves the noise of pixels independent.
     ///
-    /// µ' = µ ⊗ k, with the kernel of [`charge_coupling`](super::charge_coupling). Light is
+    /// µ' = µ ⊗ k, with the kernel of `charge-coupling`. Light is
     /// conserved, except what crosses the edges of the array. There is one kernel for all
     /// wavelengths: as diffusion grows with wavelength, the parameters hold for the light with
     /// which they were measured. Chen et al. 2009, section IV-C.

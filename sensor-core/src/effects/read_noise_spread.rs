@@ -9,7 +9,7 @@ effect! {
     /// Read-noise spread: each pixel has its own read noise, distributed log-normally.
     ///
     /// σ(x, y) = r exp(s z(x, y)), with z standard normal and fixed, and r as in
-    /// [`read_noise`](super::read_noise). So r is the median, and the mean square is r² exp(2s²).
+    /// `read-noise`. So r is the median, and the mean square is r² exp(2s²).
     /// This effect only alters the read-noise stage; alone it does nothing. Noise maps of
     /// scientific CMOS sensors (for example Huang et al. 2013).
     ///

@@ -18,7 +18,7 @@ effect! {
     /// Together they are σ². The power density falls as f^−a from 1/2 cycle per row to one cycle
     /// per frame (within 4 % rms over ln f up to a = 0.8, 7 % at 1, 16 % at 1.4; steeper laws end
     /// in the f^−2 of steps), and the mean of a frame does not change. Slower noise belongs to
-    /// [`frame_offset_noise`](super::frame_offset_noise), or is removed by the black-level clamp.
+    /// `frame-offset-noise`, or is removed by the black-level clamp.
     ///
     /// The autocovariance of an octave is σ_j² (1 − 3h/L) up to h = L/2 and σ_j² (h/L − 1) from
     /// there to h = L (for j = 0 it is that of a square wave). Any row can be computed without the

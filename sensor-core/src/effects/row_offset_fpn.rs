@@ -10,7 +10,7 @@ effect! {
     ///
     /// v += σ z(y) + d z'(y), d = t 2^((T − T_ref)/T_d) σ_d, with z and z' standard normal. The first
     /// part is N_fpn of eq. 10 of Chen et al. 2009, a vector over rows with zero mean; the second
-    /// is that of dark current, as of the [columns](super::column_offset_fpn). Input-referred.
+    /// is that of dark current, as of the columns (`column-offset-fpn`). Input-referred.
     ///
     /// Closed form: variance of row means σ² + d², of their differences between frames 0.
     RowOffsetFpn, "row-offset-fpn", Voltage, Pattern, Pixel {
