@@ -247,6 +247,37 @@ fn windows_see_pulsed_lamps_each_for_itself() {
     assert!(off[2] > 0.5 * steady[2], "{off:?} {steady:?}");
 }
 
+/// A lamp that is on for a tenth of the time, at 100 Hz: a window of 3 ms misses it at most phases,
+/// the small photodiode's of 12 ms at none, and the flicker rule takes that where the others are
+/// dark.
+#[test]
+fn a_flicker_free_pixel_sees_every_pulse() {
+    let folder = tempfile::tempdir().unwrap();
+    let darkest = |flicker: &str| -> f64 {
+        let means = [0.05, 0.25, 0.45, 0.65, 0.85].map(|phase| {
+            camrig_ok(
+                folder.path(),
+                &format!(
+                    "simulate --camera split-pixel-lfm --set sensor.width=32 --set sensor.height=24 \
+                     --set sensor.hdr.output=linear {flicker} --set sensor.timing.line_time_us=12.01 \
+                     --set sensor.timing.shutter=global --set sensor.timing.frame_length_lines=2775 \
+                     --scene uniform:0.5 --lux 30000 --exposure 3ms \
+                     --lamp pulse:hz=100,duty=0.1,phase={phase} -o a.npy --force"
+                ),
+            );
+            let bytes = std::fs::read(folder.path().join("a.npy")).unwrap();
+            let frames = camrig::formats::wide::decode(&bytes).unwrap().unwrap();
+            let dn = frames.planes[0].data.iter().map(|&dn| f64::from(dn) - 64.0);
+            dn.sum::<f64>() / frames.planes[0].data.len() as f64
+        });
+        let brightest = means.iter().copied().fold(0.0, f64::max);
+        means.iter().copied().fold(f64::MAX, f64::min) / brightest
+    };
+    let (with, without) = (darkest(""), darkest("--set sensor.hdr.merge.flicker_capture=none"));
+    // In 12 ms one pulse of 1 ms at least, two at most.
+    assert!(with > 0.2 && without < 0.01, "{with} {without}");
+}
+
 #[test]
 fn times_of_a_row_that_differ_are_refused() {
     let folder = tempfile::tempdir().unwrap();

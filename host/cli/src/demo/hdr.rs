@@ -10,12 +10,12 @@ use clap::Parser;
 use std::path::Path;
 use std::process::ExitCode;
 
-/// What is common to the commands: headlights of 3e5 cd/m², a sign of 15 000 whose diodes pulse at
-/// 90 Hz for a tenth of the time, a pedestrian of 0.3.
+/// What is common to the commands: headlights of 1e6 cd/m², a sign of 15 000 whose diodes pulse at
+/// 90 Hz for a tenth of the time, a pedestrian of 0.1.
 const NIGHT: &str = "--camera ox03c10 --set sensor.width=640 --set sensor.height=400 \
                      --set sensor.timing.line_time_us=12.01 \
                      --set sensor.timing.frame_length_lines=2775 \
-                     --scene night-road:headlights=3e5 --lux 3 --illuminant D65 --exposure 16ms \
+                     --scene night-road:sign=4.8e4 --lux 1 --illuminant D65 --exposure 16ms \
                      --lamp pulse:hz=90,duty=0.1,phase=0.6,region=0.7,0.18,0.1,0.16";
 /// Share of the picture's range that a tenfold of light takes: six decades are seen.
 const PER_DECADE: f64 = 1.0 / 6.0;

@@ -5,14 +5,14 @@
 pub const NAMES: [&str; 3] = ["mt9t012", "mt9v024", "mobile"];
 
 /// Names of those with several captures of each pixel.
-pub const HDR_NAMES: [&str; 5] =
-    ["imx585-clear-hdr", "imx415-dol", "ox03c10", "imx490", "imx708-hdr"];
+pub const HDR_NAMES: [&str; 6] =
+    ["imx585-clear-hdr", "imx415-dol", "ox03c10", "imx490", "imx708-hdr", "split-pixel-lfm"];
 
 macro_rules! files {
     ($($name:literal),* $(,)?) => { [$(($name, include_str!(concat!("../presets/", $name)))),*] };
 }
 
-const FILES: [(&str, &str); 21] = files![
+const FILES: [(&str, &str); 22] = files![
     "mt9t012.toml",
     "mt9v024.toml",
     "mobile.toml",
@@ -21,6 +21,7 @@ const FILES: [(&str, &str); 21] = files![
     "ox03c10.toml",
     "imx490.toml",
     "imx708-hdr.toml",
+    "split-pixel-lfm.toml",
     "mt9m131-qe.csv",
     "mt9v024-qe.csv",
     "mobile-qe.csv",

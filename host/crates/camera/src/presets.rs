@@ -1,7 +1,7 @@
 //! Built-in cameras.
 //!
-//! Seven are files of their own: `mt9t012`, the module of Chen et al. 2009, `mt9v024`, a
-//! machine-vision camera, `mobile`, a phone camera, and four sensors that take several captures
+//! Nine are files of their own: `mt9t012`, the module of Chen et al. 2009, `mt9v024`, a
+//! machine-vision camera, `mobile`, a phone camera, and six sensors that take several captures
 //! of each pixel ([`HDR_NAMES`]). The others are sensors of
 //! [`crate::facts`], each behind a usual lens; what is not known of them follows the rules of
 //! [`crate::typical`].
