@@ -262,10 +262,10 @@ fn a_flicker_free_pixel_sees_every_pulse() {
                      --set sensor.hdr.output=linear {flicker} --set sensor.timing.line_time_us=12.01 \
                      --set sensor.timing.shutter=global --set sensor.timing.frame_length_lines=2775 \
                      --scene uniform:0.5 --lux 30000 --exposure 3ms \
-                     --lamp pulse:hz=100,duty=0.1,phase={phase} -o a.npy --force"
+                     --lamp pulse:hz=100,duty=0.1,phase={phase} -o a.csi2 --force"
                 ),
             );
-            let bytes = std::fs::read(folder.path().join("a.npy")).unwrap();
+            let bytes = std::fs::read(folder.path().join("a.csi2")).unwrap();
             let frames = camrig::formats::wide::decode(&bytes).unwrap().unwrap();
             let dn = frames.planes[0].data.iter().map(|&dn| f64::from(dn) - 64.0);
             dn.sum::<f64>() / frames.planes[0].data.len() as f64
