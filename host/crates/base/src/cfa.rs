@@ -24,11 +24,19 @@ pub struct Cfa {
 
 impl Cfa {
     /// Reads `mono`, four letters, which are two rows of two (`RGGB` and `RCCC` are short for
-    /// `RG/GB` and `RC/CC`), or rows of letters separated by `/`.
+    /// `RG/GB` and `RC/CC`), or rows of letters separated by `/`. After `quad-` each letter is a cell
+    /// of 2 x 2 pixels: `quad-RGGB` is short for `RRGG/RRGG/GGBB/GGBB`.
     ///
     /// # Errors
     /// Rows of different lengths, sides other than 1 to 6 or 8, and other letters.
     pub fn parse(text: &str) -> Result<Self> {
+        if let Some(cells) = text.strip_prefix("quad-") {
+            let cells = Self::parse(cells)?;
+            let row =
+                |y: usize| (0..2 * cells.width).map(|x| cells.letter(x / 2, y / 2)).collect();
+            let rows: Vec<String> = (0..2 * cells.height).map(row).collect();
+            return Self::parse(&rows.join("/"));
+        }
         // Other words of four letters might be meant otherwise.
         let bayer = ["RGGB", "GRBG", "GBRG", "BGGR"].into_iter();
         let text = bayer.chain(["mono"]).find(|b| b.eq_ignore_ascii_case(text)).unwrap_or(text);
@@ -50,8 +58,9 @@ impl Cfa {
             || matches!((width, height), (4 | 5, 1))
         {
             return Err(Error::input(format!("colour filter pattern {text:?}")).help(
-                "use RGGB, GRBG, GBRG, BGGR, RCCC or other four letters, mono, or equal rows of 1 to \
-                 6 or 8 capital letters separated by '/', for instance \"RGRG/GBGB\" or \"ABC/DEF/GHI\"",
+                "use RGGB, GRBG, GBRG, BGGR, RCCC or other four letters, quad-RGGB and the like, mono, \
+                 or equal rows of 1 to 6 or 8 capital letters separated by '/', for instance \
+                 \"RGRG/GBGB\" or \"ABC/DEF/GHI\"",
             ));
         }
         Ok(Self { width, height, letters })
@@ -118,7 +127,18 @@ mod tests {
         for (text, named) in [("rggb", "RGGB"), ("Bggr", "BGGR"), ("MONO", "mono")] {
             assert_eq!(Cfa::parse(text).unwrap(), Cfa::parse(named).unwrap());
         }
-        for word in ["rccc", "RÄG", "TRUE", "GREY", "BAYER", "ABCDEFG/ABCDEFG"] {
+        let quad = Cfa::parse("quad-GRBG").unwrap();
+        assert_eq!(quad, Cfa::parse("GGRR/GGRR/BBGG/BBGG").unwrap());
+        for word in [
+            "quad-",
+            "quad-ABC/DEF/GHI/JKL/MNO",
+            "rccc",
+            "RÄG",
+            "TRUE",
+            "GREY",
+            "BAYER",
+            "ABCDEFG/ABCDEFG",
+        ] {
             assert!(Cfa::parse(word).is_err(), "{word}");
         }
     }

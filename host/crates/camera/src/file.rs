@@ -180,9 +180,9 @@ pub struct SensorFile {
     #[schemars(range(min = 0.001, max = 1.0))]
     #[schemars(extend("usual" = "0.3 to 0.6 without microlenses, 0.8 to 1 with"))]
     pub fill_factor: f64,
-    /// Colour filter pattern: the top-left 2 x 2 pixels row by row, mono, or rows of letters,
-    /// parted by slashes or as a list; up to 25 channels, as of multispectral mosaics of 5 x 5
-    /// pixels.
+    /// Colour filter pattern: the top-left 2 x 2 pixels row by row, mono, quad-RGGB for cells of
+    /// 2 x 2 pixels, or rows of letters, parted by slashes or as a list; up to 25 channels, as of
+    /// multispectral mosaics of 5 x 5 pixels.
     #[schemars(extend("usual" = "RGGB, GRBG, GBRG, BGGR, mono"))]
     pub cfa: Alternatives<String>,
     /// Quantum efficiency with the colour filter: a number, or a CSV of wavelength_nm,r,g,b (or
