@@ -9,7 +9,7 @@ use camrig_rig::script::exposure_cut;
 use camrig_rig::{
     self as rig, Rig, Token, emulator::Emulator, log::LogDecoder, serve::ServeError,
 };
-use camrig_rig_link::message::Codec;
+use camrig_rig_link::message::{Codec, SEVERAL_CAPTURES};
 use camrig_sensor_core::effects::Effect;
 use clap::Subcommand;
 use serde_json::json;
@@ -246,6 +246,7 @@ fn info(args: &InfoArgs) -> Result<()> {
         .filter(|(c, _)| d.codecs >> (*c as u8) & 1 == 1)
         .map(|(_, name)| name)
         .collect();
+    let several = d.codecs & SEVERAL_CAPTURES != 0;
     if args.json {
         let camera = (d.camera != 0).then(|| format!("{:016x}", d.camera));
         println!(
@@ -256,6 +257,7 @@ fn info(args: &InfoArgs) -> Result<()> {
                 "max_bands": d.max_bands,
                 "arithmetics": arithmetics,
                 "codecs": codecs,
+                "several_captures": several,
                 "packet_bytes": d.packet_bytes,
                 "credit_packets": d.credit,
                 "max_camera_bytes": d.max_camera,
@@ -279,6 +281,10 @@ fn info(args: &InfoArgs) -> Result<()> {
     println!("rows         up to {} pixels x {} bands", d.max_width, d.max_bands);
     println!("arithmetics  {}", arithmetics.join(", "));
     println!("row codecs   {}", codecs.join(", "));
+    println!(
+        "captures     {}",
+        if several { "several of a pixel, merged" } else { "one of a pixel" }
+    );
     println!("row memory   {} bytes", d.memory_bytes);
     if effects.len() == Effect::CATALOGUE.len() {
         println!("effects      all {}", effects.len());
