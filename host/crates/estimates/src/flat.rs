@@ -34,6 +34,8 @@ const NOISY: f64 = 6.0;
 const BY_CHANCE: f64 = 6.0;
 /// Half the side of the square whose mean is removed from gain maps, pixels.
 const REACH: usize = 4;
+/// Pixels of that square.
+pub const SQUARE: usize = (2 * REACH + 1) * (2 * REACH + 1);
 
 /// What a flat stack shows.
 #[derive(Clone, Debug)]
@@ -141,7 +143,7 @@ impl Flat {
             let own = own.filter(|(p, _)| used[*p] && sites.of(p % width, p / width) == s);
             let product = mean(&own.map(|(_, v)| v).collect::<Vec<_>>());
             // The mean over the square contains the pixel itself.
-            let kept = 1.0 - 1.0 / ((2 * REACH + 1) * (2 * REACH + 1)) as f64;
+            let kept = 1.0 - 1.0 / SQUARE as f64;
             Site {
                 level: maps.level,
                 gain: maps.gain(bias.clipped_variance),

@@ -23,6 +23,8 @@
 //! | [`drift`] | levels that wander from frame to frame, with their memory |
 //! | [`gains`] | noise and patterns behind the gain, from the bias at several gains |
 //! | [`telegraph`] | pixels that blink: of the read-out, or of the dark current |
+//! | [`blinking`] | those of the read-out: how many, how far and between which levels |
+//! | [`converter`] | errors of the weights of the converter's bits |
 //!
 //! ```
 //! use camrig_captures::Role;
@@ -50,6 +52,8 @@
 
 pub mod areas;
 pub mod bias;
+pub mod blinking;
+pub mod converter;
 pub mod dark;
 pub mod drift;
 pub mod flat;

@@ -45,7 +45,10 @@ struct Values {
 impl Values {
     fn measured(&mut self, key: &str, value: Value, frames: &str) {
         let change = Change::new(key, to_error(value));
-        self.known.push(Known { change, basis: Basis::measured(value.std_error, frames) });
+        let mut basis = Basis::measured(value.std_error, frames);
+        // What was chosen by other figures, such as a number of channels, has no error of its own.
+        basis.std_error = basis.std_error.filter(|e| *e > 0.0);
+        self.known.push(Known { change, basis });
     }
 
     fn unknown(&mut self, key: &str, value: f64, reason: &str) {
@@ -276,12 +279,18 @@ impl Found<'_> {
         let spread = self.noise.dark.as_ref().and_then(|d| d.spread).map_or(0.0, |s| s.value);
         let own = self.response.as_ref().and_then(|r| prnu(self.gains, r, self.lit, spread));
         if let Some((own, first)) = own.zip(self.lit.first()) {
-            values.measured("sensor.noise.prnu", own, &self.of(true, &[*first]));
+            let flats = self.of(true, &[*first]);
+            values.measured("sensor.noise.prnu", own.alone, &flats);
+            if let Some(shared) = own.shared {
+                values.measured("effect.prnu-correlated.sigma", shared, &flats);
+            }
         }
         for effect in &self.noise.effects {
-            let key = format!("effect.{}.{}", effect.kind, effect.key);
             let which = if effect.misfit.is_some() { vec![0] } else { self.all() };
-            values.measured(&key, effect.value, &self.of(false, &which));
+            for (key, value) in &effect.parameters {
+                let key = format!("effect.{}.{key}", effect.kind);
+                values.measured(&key, *value, &self.of(false, &which));
+            }
             if let Some(misfit) = effect.misfit {
                 values.notes.push(format!(
                     "{} is not the same in electrons at all gains (chi2 per degree of freedom \

@@ -14,8 +14,9 @@
 //! 4. [`gains`]: which part of a gain is analog, and the law of the read noise over it, with a step
 //!    of the conversion gain where there is one.
 //! 5. [`noise`]: black level, read noise and its law over the gains, dark current, hot pixels,
-//!    noise and patterns of rows, columns, pixels and frames. What is over three errors and 3 %
-//!    of the read noise becomes an effect.
+//!    noise and patterns of rows, columns, pixels and frames, pixels that blink, the strongest wave
+//!    ([`waves`]), channels of columns ([`channels`]), wrong bits of the converter. What is over three errors and 3 % of the read noise
+//!    becomes an effect.
 //!
 //! Limits: one temperature, that of most stacks; the dark current's doubling only where darks of
 //! several temperatures tell it.
@@ -23,6 +24,7 @@
 //! [`camrig-diagnose`]: https://docs.rs/camrig-diagnose
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+pub mod channels;
 pub mod exchange;
 mod file;
 pub mod gains;
@@ -30,6 +32,7 @@ pub mod noise;
 pub mod response;
 mod scenes;
 pub mod stacks;
+pub mod waves;
 
 pub use camrig_base as base;
 pub use camrig_captures as captures;

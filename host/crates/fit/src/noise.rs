@@ -6,6 +6,9 @@ use super::response::Response;
 use super::stacks::AtGain;
 use camrig_base::Value;
 use camrig_base::tails::{self, median_of_squares, quantile_of_squares};
+use camrig_estimates::bias::Bias;
+use camrig_estimates::converter::{Codes, KEYS, significant_errors};
+use camrig_estimates::flat::SQUARE;
 use camrig_estimates::robust::trigamma;
 
 /// Standard errors, and share of the read noise, from which an effect is written.
@@ -33,14 +36,12 @@ pub struct Dark {
 }
 
 /// A noise or pattern that is an effect of the catalogue.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Effect {
     /// Its kind.
     pub kind: &'static str,
-    /// The key of its strength.
-    pub key: &'static str,
-    /// The strength.
-    pub value: Value,
+    /// Its parameters by their keys.
+    pub parameters: Vec<(&'static str, Value)>,
     /// χ² of one strength at all gains over its degrees of freedom, where that does not fit.
     pub misfit: Option<f64>,
 }
@@ -109,11 +110,12 @@ impl Noise {
             let v = g.found.bias.frame_site_variance.unwrap_or(Value::new(0.0, 1.0));
             (v, v.std_error)
         };
+        let of_rows = |variance: fn(&Bias) -> Value| {
+            part(&|g| (variance(&g.found.bias), g.found.bias.row_variance_null))
+        };
+        let opposite = of_rows(|bias| bias.opposite_row_variance);
         let parts: [(&str, Part); 6] = [
-            (
-                "row-temporal-noise",
-                part(&|g| (g.found.bias.row_variance, g.found.bias.row_variance_null)),
-            ),
+            ("row-temporal-noise", of_rows(|bias| bias.row_variance)),
             (
                 "column-temporal-noise",
                 part(&|g| (g.found.bias.column_variance, g.found.bias.column_variance.std_error)),
@@ -132,8 +134,17 @@ impl Noise {
             }),
         ];
         for (kind, part) in parts {
-            if let Some(value) = stands_out(&part) {
-                self.effects.push(Effect { kind, key: "sigma_e", value, misfit: part.misfit });
+            let sigma = stands_out(&part).map(|value| ("sigma_e", value));
+            let parameters: Vec<_> = match kind {
+                "row-temporal-noise" => {
+                    let opposite = stands_out(&opposite).map(|value| ("opposite_e", value));
+                    let none = opposite.map(|_| ("sigma_e", Value::new(0.0, part.null.sqrt())));
+                    sigma.or(none).into_iter().chain(opposite).collect()
+                }
+                _ => sigma.into_iter().collect(),
+            };
+            if !parameters.is_empty() {
+                self.effects.push(Effect { kind, parameters, misfit: part.misfit });
             }
         }
         let rows = pattern(&|g| (g.found.bias.pattern.rows, g.found.bias.pattern.line_nulls[1]));
@@ -147,9 +158,63 @@ impl Noise {
         });
         let square = Value::combine(squares).filter(|s| s.z() > MIN_DEVIATION);
         if let Some(value) = square.and_then(Value::sqrt).filter(|s| s.value > MIN_SHARE) {
-            let (kind, key) = ("read-noise-spread", "spread");
-            self.effects.push(Effect { kind, key, value, misfit: None });
+            self.add("read-noise-spread", vec![("spread", value)]);
         }
+        let each = || gains.iter().zip(response);
+        if let Some((blinking, k)) = each().find_map(|(g, k)| Some((g.blinking?, *k))) {
+            let chosen = |value: f64| Value::new(value, 0.0);
+            let parameters = vec![
+                ("fraction", blinking.share),
+                ("amplitude_e", blinking.amplitude.over(k)),
+                ("renewal", chosen(blinking.renewal)),
+                ("duty", chosen(blinking.duty)),
+                ("between_samples", chosen(blinking.between_samples)),
+            ];
+            self.add("random-telegraph-noise", parameters);
+        }
+        let waves = each().find_map(|(g, k)| Some((g.wave?, *k)));
+        let waves = waves.map(|(wave, k)| (wave.amplitude.over(k), wave.cycles));
+        // A wave's variance is half the square of its amplitude.
+        let stands_out = |(amplitude, _): &(Value, [f64; 2])| {
+            amplitude.z() > MIN_DEVIATION && amplitude.value > least * std::f64::consts::SQRT_2
+        };
+        if let Some((amplitude, [across, down])) = waves.filter(stands_out) {
+            let parameters = vec![
+                ("amplitude_e", amplitude),
+                ("cycles_per_column", Value::new(across, 0.0)),
+                ("cycles_per_row", Value::new(down, 0.0)),
+            ];
+            self.add("periodic-pattern-noise", parameters);
+        }
+        let [gain, offset] = [0, 1].map(|which| {
+            each().find_map(|(g, k)| {
+                let unit = if which == 0 { Value::new(1.0, 0.0) } else { *k };
+                g.channels[which].map(|c| (c.count, c.sd.over(unit)))
+            })
+        });
+        let offset = offset.filter(|(_, sd)| sd.z() > MIN_DEVIATION && sd.value > least);
+        if let Some(count) = gain.iter().chain(&offset).map(|(count, _)| *count).max() {
+            let count = ("channels", Value::new(count as f64, 0.0));
+            let gain = gain.map(|(_, sd)| ("gain", sd));
+            let offset = offset.map(|(_, sd)| ("offset_e", sd));
+            let parameters = [Some(count), offset, gain].into_iter().flatten().collect();
+            self.add("readout-channel-mismatch", parameters);
+        }
+        // Codes that were multiplied are those of no converter.
+        let analog = gains.iter().filter(|g| g.digital == 1.0);
+        let codes: Vec<Codes<'_>> = analog
+            .flat_map(|g| &g.histograms)
+            .map(|h| Codes { histogram: &h.counts, sd: h.sd })
+            .collect();
+        let bits = significant_errors(&codes).into_iter();
+        let bits: Vec<_> = bits.map(|(bit, error)| (KEYS[bit], error)).collect();
+        if !bits.is_empty() {
+            self.add("adc-nonlinearity", bits);
+        }
+    }
+
+    fn add(&mut self, kind: &'static str, parameters: Vec<(&'static str, Value)>) {
+        self.effects.push(Effect { kind, parameters, misfit: None });
     }
 }
 
@@ -284,13 +349,21 @@ fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
     })
 }
 
+/// Spread of the pixels' response.
+pub struct Prnu {
+    /// Of each pixel for itself.
+    pub alone: Value,
+    /// That which neighbours share, where it stands out.
+    pub shared: Option<Value>,
+}
+
 /// PRNU of the brightest flat of the lowest gain: of the charge, which the response compresses.
 pub fn prnu(
     gains: &[AtGain],
     response: &Response,
     lit: &[usize],
     dsnu_e_per_s: f64,
-) -> Option<Value> {
+) -> Option<Prnu> {
     let index = *lit.first()?;
     let g = &gains[index];
     let level = |i: usize| {
@@ -299,11 +372,44 @@ pub fn prnu(
     };
     let flat = g.flats.iter().max_by(|a, b| level(a.index).total_cmp(&level(b.index)))?;
     let k = response.gains[0].value;
-    let variance = Value::combine(g.found.flats[flat.index].sites.iter().map(|site| {
+    let found = &g.found.flats[flat.index];
+    let variance = Value::combine(found.sites.iter().map(|site| {
         let slope = response.slope(0, site.level.value);
         let grown = k * dsnu_e_per_s * (flat.exposure_s - g.shortest_s) / site.level.value;
         let of_charge = site.prnu_variance.scaled(slope.powi(2).recip());
         Value::new(of_charge.value - grown * grown, of_charge.std_error)
     }))?;
-    variance.sqrt()
+    // Channels of columns are apart: of their variance over sensors, n channels have n − 1 parts,
+    // and the mean over nine columns, which holds a ninth of a pattern of 2, 4 or 8, was taken off.
+    let kept = (1.0 - (SQUARE as f64).sqrt().recip()).powi(2);
+    let of_channels = g.channels[0]
+        .map_or(0.0, |c| kept * c.sd.value.powi(2) * (c.count as f64 - 1.0) / c.count as f64);
+    let beside = g.channels[0].map_or(0.0, |c| c.beside);
+    let with_channels = variance;
+    let variance = Value::new(variance.value - of_channels, variance.std_error);
+    let neighbours = found.gain_correlation;
+    let of_neighbours = |i: usize, of_channel: f64| {
+        let product = neighbours[i].scaled(with_channels.value / variance.value);
+        Value::new(product.value - of_channel * of_channels / variance.value, product.std_error)
+    };
+    let [right, below] = [of_neighbours(0, beside), of_neighbours(1, 1.0)];
+    let correlation = Value::combine([right, below])?;
+    // A pattern that neighbours share has a half of its variance in common between them. The mean
+    // over a square of n pixels, which was taken off, has taken 4/n of it, and 1/n of the other.
+    let taken = 1.0 / SQUARE as f64;
+    let per_variance = 0.5 - 4.0 * taken + taken * (1.0 - 4.0 * taken) / (1.0 - taken);
+    let part = correlation.scaled((1.0 - taken) / per_variance);
+    let part = Value::new(part.value + taken / per_variance, part.std_error);
+    let both = right.z().min(below.z()) > MIN_DEVIATION;
+    let stands_out = both && part.value > MIN_SHARE;
+    if !stands_out || part.value >= 1.0 {
+        return Some(Prnu { alone: variance.sqrt()?, shared: None });
+    }
+    let alone = variance.scaled(1.0 - part.value * (1.0 - 4.0 * taken) / (1.0 - taken));
+    let of_part = part.std_error / part.value;
+    let shared = variance.scaled(part.value);
+    let error = libm::hypot(shared.std_error, of_part * shared.value);
+    let alone = Value::new(alone.value, libm::hypot(alone.std_error, of_part * shared.value));
+    let alone = alone.sqrt().unwrap_or(Value::new(0.0, alone.std_error.sqrt()));
+    Some(Prnu { alone, shared: Value::new(shared.value, error).sqrt() })
 }

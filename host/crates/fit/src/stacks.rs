@@ -1,9 +1,13 @@
 //! The dark and flat stacks of a cleaned set by analog gain, and the levels of the flats.
 
+use super::channels::Channels;
 use super::scenes::{Bin, bins};
+use super::waves::{self, Wave};
 use camrig_base::{Cfa, Error, Plane, Result, Value};
 use camrig_captures::{CaptureSet, Role};
 use camrig_clean::{Cleaned, Done, Kind};
+use camrig_estimates::blinking::Blinking;
+use camrig_estimates::robust::{mean, variance};
 use camrig_estimates::{Estimates, Sites, Stack, estimate};
 use camrig_measure::ladder::{Selection, photons};
 use camrig_measure::moments::SATURATED_SHARE;
@@ -39,6 +43,47 @@ pub struct AtGain {
     pub frames: [usize; 2],
     /// Photon transfer of its flats; none where it has none.
     pub ptc: Option<Ptc>,
+    /// Pixels of the shortest dark that blink.
+    pub blinking: Option<Blinking>,
+    /// The strongest wave of its darks.
+    pub wave: Option<Wave>,
+    /// Codes of its stacks within the scale.
+    pub histograms: Vec<Histogram>,
+    /// Channels of columns by the gains of its brightest flat, and by the offsets of its shortest
+    /// dark in DN.
+    pub channels: [Option<Channels>; 2],
+}
+
+/// The codes of a stack.
+pub struct Histogram {
+    /// How often each came.
+    pub counts: Vec<u32>,
+    /// Standard deviation of a pixel over the frames, of several sites the smallest, DN: the
+    /// density of the codes is as smooth as this noise, whatever the pixels' means.
+    pub sd: f64,
+}
+
+impl Histogram {
+    /// Of a stack; none of one of which samples are cut off.
+    fn of(stack: &Stack, sites: Sites, white: u16) -> Option<Self> {
+        let mut counts = vec![0; usize::from(white) + 1];
+        for v in stack.frames.iter().flat_map(|frame| &frame.data) {
+            counts[usize::from(*v).min(usize::from(white))] += 1;
+        }
+        let samples = counts.iter().map(|c| f64::from(*c)).sum::<f64>();
+        let cut = f64::from(counts[0] + counts[usize::from(white)]);
+        if cut > SATURATED_SHARE * samples {
+            return None;
+        }
+        let (width, height) = stack.size();
+        let mut of_sites = vec![Vec::new(); sites.count()];
+        for p in 0..width * height {
+            let values: Vec<f64> = stack.frames.iter().map(|f| f64::from(f.data[p])).collect();
+            of_sites[sites.of(p % width, p / width)].push(variance(&values));
+        }
+        let narrowest = of_sites.iter().map(|v| mean(v).value).fold(f64::INFINITY, f64::min);
+        Some(Self { counts, sd: narrowest.sqrt() })
+    }
 }
 
 impl AtGain {
@@ -219,6 +264,24 @@ fn at_gain(
     let of_scenes = Value::combine(scenes.iter().map(|bin: &Bin| bin.ratio));
     let found = estimate(&stacks, sites, of_scenes.map_or(dn_per_e, |k| k.value))?;
     let digital = digital(set, cleaned, gain);
+    let blinking = shortest.and_then(Blinking::of);
+    let darks: Vec<&Stack> = stacks.iter().filter(|s| s.role == Role::Dark).collect();
+    let wave = waves::strongest(&darks, sites);
+    let white = facts.white_level_dn;
+    let level = |f: &&FlatStack| {
+        let sites = &found.flats[f.index].sites;
+        sites.iter().map(|s| s.level.value).sum::<f64>()
+    };
+    let brightest = flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)));
+    let brightest = brightest.and_then(|f| {
+        let id = &found.flats[f.index].stack;
+        stacks.iter().find(|s| s.role == Role::Flat && s.id == *id)
+    });
+    let channels = [
+        brightest.zip(shortest).and_then(|(flat, dark)| Channels::of_gains(flat, dark, sites)),
+        shortest.and_then(|dark| Channels::of_offsets(dark, sites)),
+    ];
+    let histograms = stacks.iter().filter_map(|s| Histogram::of(s, sites, white)).collect();
     Ok(AtGain {
         gain,
         digital,
@@ -229,6 +292,10 @@ fn at_gain(
         longest_s,
         frames,
         ptc: photon_transfer,
+        blinking,
+        wave,
+        histograms,
+        channels,
     })
 }
 

@@ -365,3 +365,58 @@ fn darks_alone_leave_electrons_open() {
     let read = figure(&fitted, "sensor.noise.read_e");
     assert!((read.value / truth.sensor.noise.read_e - 1.0).abs() < 0.05, "{read:?}");
 }
+
+/// What has an estimate is in the file: pixels that blink with correlated double sampling, response
+/// that neighbours share, rows of opposite sign, a wave, channels of columns, wrong bits.
+#[test]
+fn all_that_stands_out_is_in_the_file() {
+    let truth = camera(
+        &[
+            "sensor.width=256",
+            "sensor.height=192",
+            "sensor.cfa=mono",
+            "sensor.full_well_e=10000",
+            "sensor.black_level_dn=64",
+            "sensor.noise.read_e=4",
+            "sensor.noise.prnu=0.003",
+            "sensor.noise.dark_current_e_per_s=0",
+            "sensor.noise.dsnu_e_per_s=0",
+            "sensor.noise.row_fpn_e=0",
+            "sensor.seed=31",
+        ],
+        "\n[[effect]]\nkind = \"random-telegraph-noise\"\nfraction = 0.03\namplitude_e = 8.0\n\
+         renewal = 1.0\nbetween_samples = 0.6\n\
+         [[effect]]\nkind = \"prnu-correlated\"\nsigma = 0.004\n\
+         [[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 0.5\nopposite_e = 0.7\n\
+         [[effect]]\nkind = \"periodic-pattern-noise\"\namplitude_e = 0.6\n\
+         cycles_per_column = 0.31\ncycles_per_row = 0.17\n\
+         [[effect]]\nkind = \"readout-channel-mismatch\"\nchannels = 4\ngain = 0.002\n\
+         [[effect]]\nkind = \"adc-nonlinearity\"\nbit_0_lsb = 0.06\nbit_2_lsb = -0.08\n",
+    );
+    let taken = taken(&truth, &mono_plan("[1]"));
+    let (fitted, camera) = taken.fitted(&Options::default());
+    println!("{}", fitted.draft.text());
+    let mut wrong = Vec::new();
+    for (path, truth, part) in [
+        ("effect.random-telegraph-noise.fraction", 0.03, 0.3),
+        ("effect.random-telegraph-noise.amplitude_e", 8.0, 0.2),
+        ("sensor.noise.prnu", 0.003, 0.1),
+        ("effect.prnu-correlated.sigma", 0.004, 0.05),
+        ("effect.row-temporal-noise.sigma_e", 0.5, 0.1),
+        ("effect.row-temporal-noise.opposite_e", 0.7, 0.1),
+        ("effect.periodic-pattern-noise.amplitude_e", 0.6, 0.2),
+        ("effect.adc-nonlinearity.bit_0_lsb", 0.06, 0.1),
+        ("effect.adc-nonlinearity.bit_2_lsb", -0.08, 0.1),
+    ] {
+        check(&fitted, &mut wrong, path, truth, part);
+    }
+    let channels = figure(&fitted, "effect.readout-channel-mismatch.gain");
+    if channels.z() < 10.0 {
+        wrong.push(format!("channels {channels:?}"));
+    }
+    let gap = taken.gap(&camera);
+    if gap > 1.0 {
+        wrong.push(format!("gap {gap} of its limit"));
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
