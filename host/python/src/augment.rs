@@ -2,8 +2,8 @@
 
 use crate::camera::Camera;
 use crate::errors::{OrRaise, raised};
-use camrig::exposure::{Arithmetic, CubeHeader, FrameOptions, IrradianceWriter, SimulatedSensor};
-use camrig::{Error, Plane};
+use camrig::Error;
+use camrig::exposure::{Arithmetic, CubeHeader, SimulatedSensor};
 use numpy::{PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -36,23 +36,12 @@ pub fn expose_electrons<'py>(
     }
     let means = electrons.as_slice()?;
     let frames = py.detach(|| -> camrig::Result<Vec<u16>> {
-        let mut header =
-            CubeHeader::new((width, height), &camrig::scene::Bands::VISIBLE, "electrons");
-        header.bands = 1;
-        header.level = 1.0 / exposure_s;
-        header.made_for.insert(CubeHeader::RESPONSE.into(), "electrons".into());
-        let sensor = SimulatedSensor::new(camera, &header)?;
+        let bands = camrig::scene::Bands::VISIBLE;
+        let sensor = SimulatedSensor::new(camera, &CubeHeader::new((width, height), &bands, ""))?;
         let mut samples = Vec::with_capacity(means.len());
         for (means, seed) in means.chunks_exact((width * height).max(1)).zip(seeds) {
-            if let Some(wrong) = means.iter().find(|mean| !(**mean >= 0.0 && mean.is_finite())) {
-                return Err(Error::input(format!("a mean of {wrong} electrons"))
-                    .help("means are 0 or more"));
-            }
-            let mut cube = IrradianceWriter::new(header.clone())?;
-            cube.push(&Plane { width, height, data: means.to_vec() })?;
             let settings = camera.settings(seed, exposure_s, gain);
-            let options = FrameOptions { arithmetic, ..FrameOptions::default() };
-            samples.extend(sensor.frame_with(&cube.finish()?, &settings, options)?.data);
+            samples.extend(sensor.frame_of_electrons(means, &settings, arithmetic)?.data);
         }
         Ok(samples)
     });

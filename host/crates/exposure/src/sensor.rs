@@ -158,6 +158,47 @@ impl SimulatedSensor {
         Ok(self.raw_frame(data, settings.analog_gain))
     }
 
+    /// One frame of known mean photo-electrons, row by row, whatever its optics, response and light
+    /// are; dark before.
+    ///
+    /// # Errors
+    /// Means of another number than the sensor has pixels, negative or not finite; settings out of
+    /// range.
+    pub fn frame_of_electrons(
+        &self,
+        electrons: &[f32],
+        settings: &FrameSettings,
+        arithmetic: Arithmetic,
+    ) -> Result<RawFrame> {
+        let (width, height) = (self.config.width as usize, self.config.height as usize);
+        if electrons.len() != width * height {
+            let given = electrons.len();
+            return Err(Error::disagreement(format!(
+                "{given} means of {width} x {height} pixels"
+            ))
+            .help("give one for each pixel"));
+        }
+        if let Some(wrong) = electrons.iter().find(|e| !(**e >= 0.0 && e.is_finite())) {
+            return Err(
+                Error::input(format!("a mean of {wrong} electrons")).help("means are 0 or more")
+            );
+        }
+        let mut data = vec![0; width * height];
+        let tasks = data.par_chunks_mut(width * ROWS_PER_TASK).enumerate();
+        tasks.try_for_each(|(i, out)| {
+            let first = i * ROWS_PER_TASK;
+            match arithmetic {
+                Arithmetic::F32 => {
+                    electron_rows::<Float>(&self.config, electrons, settings, first, out)
+                }
+                Arithmetic::Fixed => {
+                    electron_rows::<Fixed>(&self.config, electrons, settings, first, out)
+                }
+            }
+        })?;
+        Ok(self.raw_frame(data, settings.analog_gain))
+    }
+
     /// Number of its effects that hold charge from frame to frame.
     pub fn effects_with_traps(&self) -> usize {
         self.config.effects.iter().filter(|e| e.entry().needs == Needs::EarlierFrames).count()
@@ -249,6 +290,23 @@ fn cube_rows<A: Vector>(
         },
     };
     rows::<A>(config, inputs.settings, &mut source, first, out)
+}
+
+/// Computes the rows from `first` on that fill `out` from mean photo-electrons.
+fn electron_rows<A: Vector>(
+    config: &SensorConfig,
+    electrons: &[f32],
+    settings: &FrameSettings,
+    first: usize,
+    out: &mut [u16],
+) -> Result<()> {
+    let width = config.width as usize;
+    let mut source = |row: u32, out: &mut [Block<A::Signal>]| {
+        let means = electrons[row as usize * width..].iter();
+        let pixels = out.as_flattened_mut().iter_mut().take(width);
+        pixels.zip(means).for_each(|(pixel, &mean)| *pixel = A::Light::signal(mean));
+    };
+    rows::<A>(config, settings, &mut source, first, out)
 }
 
 /// Mean photo-electrons of the rows from `first` on.
@@ -394,6 +452,37 @@ mod tests {
         let alone = FrameOptions { before: Some(&lit), ..FrameOptions::default() };
         let refused = sensor.frame_with(&dark, &settings, alone).unwrap_err();
         assert!(refused.to_string().contains("persistence"), "{refused}");
+    }
+
+    /// Mean electrons given row by row, in both arithmetics: frames are those of a cube of the same
+    /// electrons, up to its rounding to 16 bits; means of another number, negative or NaN are refused.
+    #[test]
+    fn frames_of_electrons_are_those_of_their_cube() {
+        let (width, height) = (50, 70);
+        let camera = Camera::load("mt9t012").unwrap().with_size(50, 70).unwrap();
+        let bands = Bands { start_nm: 550.0, step_nm: 10.0, count: 1 };
+        let mut header = CubeHeader::new((width, height), &bands, "electrons");
+        header.made_for.insert(CubeHeader::RESPONSE.into(), "electrons".into());
+        header.level = 100.0;
+        let settings = camera.settings(3, 0.01, Some(1.0));
+        let sensor = SimulatedSensor::new(&camera, &header).unwrap();
+        // Whole numbers to 2^15, which 16 bits hold exactly.
+        let means = Plane::from_fn(width, height, |x, y| ((x * 70 + y) * 3) as f32);
+        let mut cube = crate::IrradianceWriter::new(header).unwrap();
+        cube.push(&means).unwrap();
+        let cube = cube.finish().unwrap();
+        for arithmetic in Arithmetic::ALL {
+            let options = FrameOptions { arithmetic, ..FrameOptions::default() };
+            let of_cube = sensor.frame_with(&cube, &settings, options).unwrap();
+            let own = sensor.frame_of_electrons(&means.data, &settings, arithmetic).unwrap();
+            let off = std::iter::zip(&own.data, &of_cube.data).filter(|(a, b)| a != b).count();
+            assert!(off * 100 < width * height, "{arithmetic}: {off} pixels");
+        }
+        for wrong in [-1.0, f32::NAN, f32::INFINITY] {
+            let means = vec![wrong; width * height];
+            assert!(sensor.frame_of_electrons(&means, &settings, Arithmetic::F32).is_err());
+        }
+        assert!(sensor.frame_of_electrons(&[1.0], &settings, Arithmetic::F32).is_err());
     }
 
     /// Cameras behind filters whose edges move over the field by any effective index, f-number and
