@@ -10,6 +10,8 @@ pub struct AtGain {
     pub digital_gain: f32,
     /// DN of the converter per input-referred electron.
     pub dn_per_e: f32,
+    /// These over those at unity gain: the analogue gain itself, unless a gain table has others.
+    pub relative_gain: f32,
     /// DN of no signal.
     pub black_level_dn: f32,
     /// Read noise, e⁻, where a gain table gives it.

@@ -391,6 +391,24 @@ impl SensorConfig {
         ((1u32 << self.bits.clamp(1, 16)) - 1) as u16
     }
 
+    /// Charge at which the converter's range ends at unity gain, e⁻: W, or (2^bits − 1) over the DN
+    /// per electron of a gain table.
+    pub(crate) fn full_scale_e(&self) -> f32 {
+        self.table_dn_per_e(1.0).map_or(self.full_well_e, |k| f32::from(self.max_dn()) / k)
+    }
+
+    /// DN per electron at a gain, if a gain table says.
+    #[cfg_attr(not(feature = "gain-table"), allow(unused_variables, reason = "no table"))]
+    fn table_dn_per_e(&self, gain: f32) -> Option<f32> {
+        #[cfg(feature = "gain-table")]
+        for effect in &self.effects {
+            if let Effect::GainTable(e) = effect {
+                return e.values_at(&self.table, gain)[1];
+            }
+        }
+        None
+    }
+
     /// What the sensor is at a gain: its DN per electron is G (2^bits − 1) / W (eq. 11: the step of
     /// the converter is full well x conversion gain / (2^bits − 1) volts), unless the chain has a
     /// [`gain-table`](crate::effects::gain_table).
@@ -406,10 +424,13 @@ impl SensorConfig {
         }
         let [read_e, dn_per_e, black_level_dn, well_e] = values;
         let in_proportion = analog_gain * f32::from(self.max_dn()) / self.full_well_e;
+        let at_unity = self.table_dn_per_e(1.0);
+        let relative = |dn_per_e: f32| at_unity.map(|at_unity| dn_per_e / at_unity);
         AtGain {
             analog_gain,
             digital_gain: gain / analog_gain,
             dn_per_e: dn_per_e.unwrap_or(in_proportion),
+            relative_gain: dn_per_e.and_then(relative).unwrap_or(analog_gain),
             black_level_dn: black_level_dn.unwrap_or(self.black_level_dn),
             read_e,
             well_e,

@@ -279,12 +279,12 @@ fn context<'a>(
         exposure_s: settings.exposure_s,
         nominal_exposure_s: settings.exposure_s,
         temperature_c: settings.temperature_c,
-        analog_gain: at_gain.analog_gain,
+        analog_gain: at_gain.relative_gain,
         dn_per_e: at_gain.dn_per_e,
         at_gain,
         passed_gain: 1.0,
         full_well_e: config.full_well_e,
-        full_scale_e: config.full_well_e,
+        full_scale_e: config.full_scale_e(),
         black_level_dn: at_gain.black_level_dn,
         max_dn: config.max_dn(),
         pattern: &config.pattern,
@@ -346,7 +346,7 @@ impl<'a, A: Arith> Pipeline<'a, A> {
             chain.push(link).map_err(|_| ConfigError::Memory)?;
             #[cfg(feature = "gain-stage")]
             if let Effect::GainStage(stage) = effect {
-                passed_gain *= stage.factor(config.at_gain(settings.analog_gain).analog_gain);
+                passed_gain *= stage.factor(config.at_gain(settings.analog_gain).relative_gain);
             }
         }
         let len = blocks(config.width as usize);

@@ -16,7 +16,8 @@ const HALF: f64 = 0.5 / DN_PER_E + 0.005;
 in_both_arithmetics! {
     full_well nonlinearity companding black_sun blooming offset_clipping exposure_offset
     readout_channel_mismatch readout_channel_crosstalk pixel_offset_fpn column_gain_fpn
-    prnu_low_frequency prnu_correlated black_level_offset gain_stage gain_table green_imbalance pdaf_pattern
+    prnu_low_frequency prnu_correlated black_level_offset gain_stage gain_stage_with_a_table gain_table
+    green_imbalance pdaf_pattern
     colour_shading
     relative_illumination fringing adc_nonlinearity requantised defective_pixels hot_pixels column_offset_fpn
     light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
@@ -69,6 +70,35 @@ fn companding<A: Arith>() {
     check_response::<A>(effect.into(), 8000.0, |v| {
         v.min(a) + 0.5 * (v.min(b) - a).max(0.0) + 0.125 * (v - b).max(0.0)
     });
+    // The same light in DN, at any gain, in front of the gain and behind it, and with a table.
+    let knees = [(0.1, 0.2, 1.0, 1.0), (0.05, 0.5, 0.4, 0.0), (0.3, 0.0, 0.3, 1.0)];
+    for (knee_1, slope_1, knee_2, slope_2) in knees {
+        let effect = companding::Companding { knee_1, slope_1, knee_2, slope_2 };
+        let stage = gain_stage::GainStage { share: 1.0 };
+        let table = gain_table::GainTable { digital_above: 1e6, start: 0.0 };
+        let alone = monochrome(64, 1, &[effect.into()]);
+        let behind = monochrome(64, 1, &[stage.into(), effect.into()]);
+        let mut with_table = monochrome(64, 1, &[table.into(), effect.into()]);
+        let words = [10.0, 1.0, -1.0, 4.0, -1.0, -1.0, 8.0, -1.0, 64.0, -1.0, -1.0];
+        with_table.table = words.into_iter().collect();
+        for gain in [1.0, 2.0, 4.0, 8.0] {
+            for config in [&alone, &behind, &with_table] {
+                let settings = SETTINGS.with_gain(gain);
+                let full = 65_535.0 / config.dn_per_e(gain);
+                let dn = frame::<A>(config, &settings, &mut Means(|x, _| full * x as f32 / 64.0));
+                for (x, dn) in dn.iter().enumerate() {
+                    let v = x as f64 / 64.0;
+                    let [a, b, s, t] =
+                        [knee_1, knee_2.max(knee_1), slope_1, slope_2].map(f64::from);
+                    let want = v.min(a) + s * (v.min(b) - a).max(0.0) + t * (v - b).max(0.0);
+                    let want = (BLACK + 65_535.0 * want).min(65_535.0);
+                    let off = (f64::from(*dn) - want).abs();
+                    let step = f64::from(config.dn_per_e(gain)) / 4096.0 + 1.0;
+                    assert!(off <= step, "gain {gain}, column {x}: {dn}, expected {want}");
+                }
+            }
+        }
+    }
 }
 
 fn black_sun<A: Arith>() {
@@ -267,6 +297,40 @@ fn gain_stage<A: Arith>() {
     };
     assert_eq!(at_gain(read.into(), 1.0), at_gain(read.into(), 4.0));
     assert_eq!(at_gain(stuck.into(), 4.0)[0], BLACK + (0.25 * 65_535.0f64).round_ties_even());
+}
+
+/// Behind the whole gain, where a table has a step of the conversion gain: offsets, noise after a
+/// power of the gain and stuck pixels in DN are those at unity gain, at any place of the table.
+fn gain_stage_with_a_table<A: Arith>() {
+    let table = gain_table::GainTable { digital_above: 1e6, start: 0.0 };
+    let stage = gain_stage::GainStage { share: 1.0 };
+    let offsets = column_offset_fpn::ColumnOffsetFpn::from_values(&[9.0]);
+    let stuck = stuck_pixels::StuckPixels { fraction: 1.0, level: 0.25 };
+    let at = |effects: &[Effect], gain| {
+        let mut config = monochrome(1024, 1, effects);
+        #[rustfmt::skip]
+        let words = [
+            20.0,
+            1.0, -1.0,  0.5, -1.0, -1.0,
+            4.0, -1.0,  2.0, -1.0, -1.0,
+            4.0, -1.0,  8.0, -1.0, -1.0,
+            16.0, -1.0, 32.0, -1.0, -1.0,
+        ];
+        config.table = words.into_iter().collect();
+        let dn = frame::<A>(&config, &SETTINGS.with_gain(gain), &mut Means(|_, _| 0.0));
+        dn.into_iter().map(|dn| f64::from(dn) - BLACK).collect::<Vec<f64>>()
+    };
+    for gain in [2.0, 3.999, 4.0, 16.0] {
+        let behind = [table.into(), stage.into(), offsets.into()];
+        let [own, unity] = [gain, 1.0].map(|gain| variance(&at(&behind, gain)).sqrt());
+        assert!((own - unity).abs() < 0.02 * unity, "{gain}: {own}, {unity}");
+        let before = [table.into(), offsets.into()];
+        let rise = f64::from(if gain < 4.0 { gain } else { 4.0 * gain });
+        let own = variance(&at(&before, gain)).sqrt();
+        assert!((own - rise * unity).abs() < 0.02 * rise * unity, "{gain}: {own}, {unity}");
+        let level = at(&[table.into(), stuck.into()], gain)[0];
+        assert!((level - 0.25 * 65_535.0).abs() < 2.0, "{gain}: {level}");
+    }
 }
 
 /// Two conversion gains, the second from gain 4 on, and a digital gain above 8: at the places, in

@@ -45,7 +45,7 @@ impl Stage for BlackLevelOffset {
         row: &mut [Block<A::Signal>],
     ) {
         let common = self.offset_dn
-            + self.per_gain_dn * (cx.analog_gain - 1.0)
+            + self.per_gain_dn * (cx.at_gain.analog_gain - 1.0)
             + self.per_second_dn * cx.exposure_s
             + self.per_kelvin_dn * (cx.temperature_c - self.reference_c);
         let dn_per_e = cx.dn_per_e_here();

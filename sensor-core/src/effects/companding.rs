@@ -8,7 +8,9 @@ effect! {
     /// in many automotive sensors.
     ///
     /// The response has slope 1 up to the first knee, the first slope between the knees, and the
-    /// second slope beyond the second knee. Knees are given on the scale before compression.
+    /// second slope beyond the second knee. Knees are given on the scale before compression; in DN
+    /// they are the same at any gain. Receivers undo curves of this kind (AMD Vitis Vision,
+    /// `hdr_decompand`).
     ///
     /// Closed form: for a ramp three straight lines, which meet at the knees.
     Companding, "companding", Voltage, Response, Pixel {
@@ -31,8 +33,8 @@ impl Stage for Companding {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        let first = A::signal(self.knee_1 * cx.full_scale_e);
-        let second = A::signal(self.knee_2.max(self.knee_1) * cx.full_scale_e);
+        let first = A::signal(self.knee_1 * cx.range_e());
+        let second = A::signal(self.knee_2.max(self.knee_1) * cx.range_e());
         let slopes = [A::factor(self.slope_1), A::factor(self.slope_2)];
         let zero = A::Signal::default();
         let beyond = |v, knee| if v > knee { A::sub(v, knee) } else { zero };

@@ -24,7 +24,7 @@ pub struct Context<'a> {
     pub nominal_exposure_s: f32,
     /// Sensor temperature, °C.
     pub temperature_c: f32,
-    /// Analogue gain, 1 = unity.
+    /// Analogue gain, as DN per electron over those at unity gain: [`AtGain::relative_gain`].
     pub analog_gain: f32,
     /// DN per input-referred electron at this gain.
     pub dn_per_e: f32,
@@ -100,6 +100,11 @@ impl Context<'_> {
     /// Analogue gain between this stage and the converter.
     pub fn gain_to_come(&self) -> f32 {
         self.analog_gain / self.passed_gain
+    }
+
+    /// Signal of this stage at which the converter's range ends.
+    pub fn range_e(&self) -> f32 {
+        self.full_scale_e / self.gain_to_come()
     }
 
     /// The factor on noise that is proportional to a power of the gain.

@@ -27,8 +27,7 @@ impl Stage for StuckPixels {
         _: &Inputs<'_, A::Signal>,
         row: &mut [Block<A::Signal>],
     ) {
-        // The converter's range is a full well at unity gain.
-        let level = A::signal(self.level * cx.full_scale_e / cx.gain_to_come());
+        let level = A::signal(self.level * cx.range_e());
         let mut lanes = cx.per_pixel(0);
         for block in row {
             let chosen = super::chosen(&mut lanes, self.fraction);
