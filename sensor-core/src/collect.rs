@@ -47,22 +47,23 @@ fn add<A: Arith>(
     weights: &Sums<A::Weight>,
 ) {
     if is_wide(exponent) {
-        add_wide::<A>(sums, (exponent, mantissas), scale, weights);
+        add_wide::<A>(sums, (exponent, *mantissas), scale, *weights);
     } else {
         A::accumulate(sums, mantissas, i32::from(exponent) + scale, weights);
     }
 }
 
-/// [`add`] of a group of high dynamic range: rare, and kept off the path of the others.
+/// [`add`] of a group of high dynamic range: rare, and kept off the path of the others, whose
+/// weights stay in registers as these are passed by value.
 #[cold]
 #[inline(never)]
 fn add_wide<A: Arith>(
     sums: &mut Sums<A::Sum>,
-    (exponent, mantissas): (i8, &[u16; GROUP]),
+    (exponent, mantissas): (i8, [u16; GROUP]),
     scale: i32,
-    weights: &Sums<A::Weight>,
+    weights: Sums<A::Weight>,
 ) {
-    for ((sum, &mantissa), weight) in sums.iter_mut().zip(mantissas).zip(weights) {
+    for ((sum, mantissa), weight) in sums.iter_mut().zip(mantissas).zip(&weights) {
         let (mantissa, exponent) = plain(exponent, mantissa);
         A::accumulate(from_mut(sum), &[mantissa], exponent + scale, from_ref(weight));
     }

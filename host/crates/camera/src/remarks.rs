@@ -7,19 +7,36 @@ use camrig_sensor_core::effects::{Domain, Effect};
 /// Charge times coefficient up to which the brighter-fatter model holds: its first order in aµ.
 const MAX_BRIGHTER_FATTER: f64 = 0.1;
 
-/// Remarks on the effects of a camera, in their order.
+/// Effects of which the first has to stand before the second, and why.
+const ORDER: [(&str, &str, &str); 2] = [
+    ("black-sun", "blooming", "what blooming leaves at full well no longer shows the sun"),
+    ("system-gain", "stuck-pixels", "a stuck pixel lies at the converter's input"),
+];
+
+/// Warnings of the effects of a camera, in their order.
 pub(super) fn of(camera: &Camera) -> Vec<String> {
     let about = |effect: &Effect| {
-        let reason = reason(camera, effect)?;
+        let reason = reason(camera, effect).or_else(|| reason_by_place(camera, effect))?;
         Some(format!("the effect {} {reason}", effect.entry().kind))
     };
     let single = camera.effects.iter().filter_map(about);
     let of_hdr = camera.sensor.hdr.iter().flat_map(super::hdr::remarks::of);
-    single
+    let all = single
+        .chain(out_of_order(camera))
         .chain(behind_the_converter(camera))
         .chain(beyond_the_gains(camera))
-        .chain(of_hdr)
-        .collect()
+        .chain(of_hdr);
+    all.map(|remark| format!("warning: {remark}")).collect()
+}
+
+fn out_of_order(camera: &Camera) -> impl Iterator<Item = String> + '_ {
+    let place = |kind: &str| camera.effects.iter().position(|e| e.entry().kind == kind);
+    ORDER.iter().filter(move |(first, second, _)| place(second) < place(first)).filter_map(
+        move |(first, second, why)| {
+            place(second)?;
+            Some(format!("the effect {second} stands before {first}: {why}; list it after"))
+        },
+    )
 }
 
 /// A gain beyond a table of DN per electron, where more of it has no effect.
@@ -53,12 +70,27 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
             let channels = sensor.channel_names.len();
             let by_channel = [e.channel_0, e.channel_1, e.channel_2, e.channel_3];
             let beyond = (channels..by_channel.len()).find(|&c| by_channel[c] != 0.0)?;
-            Some(format!(
-                "does nothing with channel_{beyond}: the sensor has {channels} channels, from 0 on"
-            ))
+            Some(beyond_the_channels(beyond, channels))
+        }
+        Effect::FlickerBanding(e) => {
+            let channels = sensor.channel_names.len();
+            let by_channel = [e.channel_0, e.channel_1, e.channel_2, e.channel_3];
+            if let Some(beyond) = (channels..by_channel.len()).find(|&c| by_channel[c] != 1.0) {
+                return Some(beyond_the_channels(beyond, channels));
+            }
+            let seen = by_channel.iter().take(channels).map(|a| a * e.depth);
+            let most = seen.fold(0.0, f32::max);
+            (most > 1.0).then(|| {
+                format!(
+                    "leaves the range of its model: a channel sees a depth of {most:.2}, and light \
+                     is cut at 0 where it is above 1"
+                )
+            })
         }
         Effect::ReadNoiseSpread(_) => {
-            let without = sensor.noise.read_e == 0.0 && sensor.noise.read_e_post == 0.0;
+            let by_table = sensor.gains.as_ref().is_some_and(|gains| gains.read_e.is_some());
+            let without =
+                !by_table && sensor.noise.read_e == 0.0 && sensor.noise.read_e_post == 0.0;
             without.then(|| "does nothing: there is no read noise to spread (read_e = 0)".into())
         }
         Effect::ExactShotNoise(_) => (sensor.kept_noise == KeptNoise::None)
@@ -85,6 +117,11 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
             })
         }
         Effect::BrighterFatter(e) => {
+            let lower = camera.effects.iter().filter_map(|e| match e {
+                Effect::FullWell(e) => Some(f64::from(e.full_well_e)),
+                _ => None,
+            });
+            let full_well_e = lower.fold(full_well_e, f64::min);
             let strength = f64::from(e.coefficient) * full_well_e;
             (strength > MAX_BRIGHTER_FATTER).then(|| {
                 format!(
@@ -104,6 +141,58 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
                 )
             })
         }
+        Effect::Companding(e) => (e.knee_2 < e.knee_1).then(|| {
+            format!("has its knee_2 = {} below knee_1 = {}, where it is taken", e.knee_2, e.knee_1)
+        }),
+        Effect::Requantised(e) => {
+            let starts = [e.from_1_dn, e.from_2_dn, e.from_3_dn, e.from_4_dn];
+            let back = starts.windows(2).find(|two| two[1] < two[0])?;
+            Some(format!("has a range from {} DN behind one from {} DN", back[1], back[0]))
+        }
+        _ => None,
+    }
+}
+
+fn beyond_the_channels(channel: usize, channels: usize) -> String {
+    format!("does nothing with channel_{channel}: the sensor has {channels} channels, from 0 on")
+}
+
+/// Of an effect that the sensor's size or the effects beside it leave nothing to do, or too much.
+fn reason_by_place(camera: &Camera, effect: &Effect) -> Option<String> {
+    let (width, height) = (camera.sensor.width, camera.sensor.height);
+    match effect {
+        Effect::Fringing(e) => {
+            let (sine, cosine) = libm::sincos(f64::from(e.direction_deg).to_radians());
+            let across =
+                |part: f64, pixels: u32| f64::from(e.fringes) * part.abs() / f64::from(pixels);
+            let per_pixel = across(cosine, width).max(across(sine, height));
+            (per_pixel > 0.5).then(|| {
+                format!(
+                    "leaves the range of its model: {per_pixel:.2} fringes per pixel, above 0.5"
+                )
+            })
+        }
+        Effect::DefectiveColumns(e) => {
+            let count = f64::from(e.fraction) * f64::from(width);
+            (e.fraction > 0.0 && count < 0.5).then(|| {
+                format!("does nothing: a fraction of {} of {width} columns is none", e.fraction)
+            })
+        }
+        Effect::GainStage(_) => {
+            let place = camera.effects.iter().position(|e| std::ptr::eq(e, effect))?;
+            let (upto, behind) = camera.effects.split_at(place + 1);
+            if behind.iter().all(|e| e.domain() < Domain::Voltage) {
+                return Some("does nothing: no effect stands behind it".into());
+            }
+            let shares = upto.iter().filter_map(|e| match e {
+                Effect::GainStage(stage) => Some(stage.share),
+                _ => None,
+            });
+            let passed: f32 = shares.sum();
+            (passed > 1.0 + 1e-6).then(|| {
+                format!("leaves the range of its model: the shares of the gain add up to {passed}")
+            })
+        }
         _ => None,
     }
 }
@@ -111,18 +200,17 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
 /// Effects on the signal that stand behind the converter's own.
 fn behind_the_converter(camera: &Camera) -> impl Iterator<Item = String> + '_ {
     let voltage = camera.effects.iter().filter(|e| e.domain() == Domain::Voltage);
-    let behind = voltage.skip_while(|e| !matches!(e, Effect::AdcNonlinearity(_)));
+    let codes = |e: &Effect| matches!(e, Effect::AdcNonlinearity(_) | Effect::Requantised(_));
+    let mut behind = voltage.skip_while(move |e| !codes(e));
+    let converter = behind.next().map_or("", |e| e.entry().kind);
     // What is done to numbers.
-    let digital = |e: &&Effect| {
-        matches!(
-            e,
-            Effect::AdcNonlinearity(_) | Effect::OffsetClipping(_) | Effect::BlackLevelOffset(_)
-        )
+    let digital = move |e: &&Effect| {
+        codes(e) || matches!(e, Effect::OffsetClipping(_) | Effect::BlackLevelOffset(_))
     };
-    behind.filter(move |e| !digital(e)).map(|effect| {
+    behind.filter(move |e| !digital(e)).map(move |effect| {
         format!(
-            "the effect {} acts on the signal before the converter, but follows \
-             adc-nonlinearity, so that codes are not where the converter has them; list it before",
+            "the effect {} acts on the signal before the converter, but follows {converter}, so \
+             that codes are not where the converter has them; list it before",
             effect.entry().kind
         )
     })
@@ -156,6 +244,47 @@ mod tests {
         for works in ["effect.green-imbalance.centre", "effect.colour-shading.channel_2"] {
             assert_eq!(remarks("mt9t012", &[(works, 0.1)]), [] as [String; 0], "{works}");
         }
+    }
+
+    #[test]
+    fn what_the_effects_beside_one_another_make_of_them_is_told() {
+        let told = |changes: &[(&str, f64)], reason: &str| {
+            let told = remarks("mt9t012", changes);
+            assert!(told.len() == 1 && told[0].contains(reason), "{changes:?}: {told:?}");
+        };
+        let silent = |changes: &[(&str, f64)]| {
+            assert_eq!(remarks("mt9t012", changes), [] as [String; 0], "{changes:?}");
+        };
+        let sun = ("effect.black-sun.onset", 50.0);
+        let bloom = ("effect.blooming.fraction", 0.2);
+        told(&[bloom, sun], "blooming stands before black-sun");
+        silent(&[sun, bloom]);
+        let row = ("effect.row-temporal-noise.sigma_e", 1.0);
+        told(&[("effect.requantised.step_0_dn", 4.0), row], "follows requantised");
+        let depth = ("effect.flicker-banding.depth", 0.5);
+        told(&[depth, ("effect.flicker-banding.channel_1", 2.1)], "a depth of 1.05");
+        silent(&[depth, ("effect.flicker-banding.channel_1", 2.0)]);
+        told(&[depth, ("effect.flicker-banding.channel_3", 0.5)], "has 3 channels");
+        told(&[("effect.gain-stage.share", 1.0)], "no effect stands behind it");
+        silent(&[("effect.gain-stage.share", 1.0), row]);
+        told(
+            &[
+                ("effect.fringing.amplitude", 0.1),
+                ("effect.fringing.fringes", 1000.0),
+                ("effect.fringing.direction_deg", 90.0),
+            ],
+            "0.65 fringes per pixel",
+        );
+        told(&[("effect.defective-columns.fraction", 1e-4)], "is none");
+        let knees = [
+            ("effect.companding.knee_1", 0.5),
+            ("effect.companding.slope_1", 0.5),
+            ("effect.companding.knee_2", 0.4),
+        ];
+        told(&knees, "below knee_1");
+        let starts =
+            [("effect.requantised.from_1_dn", 500.0), ("effect.requantised.from_2_dn", 400.0)];
+        told(&starts, "behind one from 500 DN");
     }
 
     #[test]
