@@ -39,7 +39,7 @@ mod curve;
 mod merge;
 mod readout;
 
-pub use curve::{Companding, Curve, MAX_KNEES, Rounding};
+pub use curve::{Companding, Curve, Line, MAX_KNEES, Rounding};
 pub use merge::{Flicker, Hand, Level, MAX_CAPTURES, Merge};
 pub use readout::{Output, Ratios, Readout};
 

@@ -30,6 +30,17 @@ struct Knee {
     y: i64,
 }
 
+/// A straight line of a curve: the code of x is ⌊(from + x rise)/run⌋.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// Its value at 0, times `run`.
+    pub from: i64,
+    /// Its rise over a `run`.
+    pub rise: i64,
+    /// Linear numbers of a run.
+    pub run: i64,
+}
+
 /// A curve of straight lines from linear numbers to codes.
 ///
 /// Between the knees (x_i, y_i) and (x_j, y_j) the code of x is ⌊(y_i Δx + (x − x_i) Δy)/Δx⌋, with
@@ -94,19 +105,22 @@ impl Curve {
     /// The code of a linear number.
     #[inline(always)]
     pub fn code(&self, x: i64) -> i64 {
+        let Line { from, rise, run } = self.line_at(x);
+        let above = from + x * rise;
+        // Most segments are as wide as a power of two: a shift is a division that rounds down.
+        if run & (run - 1) == 0 { above >> run.trailing_zeros() } else { above.div_euclid(run) }
+    }
+
+    /// The line that a linear number is on.
+    #[inline(always)]
+    pub fn line_at(&self, x: i64) -> Line {
         let [a, b] = self.line(x, |knee| knee.x);
-        let (dx, dy) = (b.x - a.x, b.y - a.y);
+        let (dx, rise) = (b.x - a.x, b.y - a.y);
         let half = match self.rounding {
             Rounding::Floor => 0,
             Rounding::Nearest => PARTS / 2 * dx,
         };
-        let above = a.y * dx + (x - a.x) * dy + half;
-        // Most segments are as wide as a power of two: a shift is a division that rounds down.
-        if dx & (dx - 1) == 0 {
-            above >> (PARTS.trailing_zeros() + dx.trailing_zeros())
-        } else {
-            above.div_euclid(PARTS * dx)
-        }
+        Line { from: a.y * dx - a.x * rise + half, rise, run: PARTS * dx }
     }
 
     /// The lowest linear number of a code, where codes are the whole numbers below.

@@ -120,6 +120,16 @@ impl Merge {
         self.levels.len()
     }
 
+    /// The levels of the captures.
+    pub fn levels(&self) -> &[Level] {
+        &self.levels
+    }
+
+    /// The capture for lamps that flicker.
+    pub fn flicker(&self) -> Option<Flicker> {
+        self.flicker
+    }
+
     /// The hand-overs from the first capture on.
     pub fn hands(&self) -> &[Hand] {
         &self.hands

@@ -1,5 +1,7 @@
 //! Frames of a sensor that reads each pixel several times.
 
+mod rows;
+
 use super::CubeHeader;
 use super::sensor::SimulatedSensor;
 use camrig_base::{Dn, Error, Plane, RawFrame, Result};
@@ -9,6 +11,9 @@ use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::effects::Needs;
 use camrig_sensor_core::hdr::{Companding, MAX_CAPTURES, Output, Readout};
 use rayon::prelude::*;
+
+/// Pixels that a thread compands at a time.
+const PIECE: usize = 1 << 14;
 
 /// A camera with `[sensor.hdr]`, set up for cubes of given bands: each capture a sensor, and what
 /// is made of their codes.
@@ -113,13 +118,11 @@ impl HdrSensor {
         };
         let mut data = vec![0; width * height];
         data.par_chunks_mut(*width).enumerate().for_each(|(y, row)| {
-            for (x, linear) in row.iter_mut().enumerate() {
-                let mut codes = [0; MAX_CAPTURES];
-                for (code, frame) in codes.iter_mut().zip(captures) {
-                    *code = frame.data[y * width + x];
-                }
-                *linear = self.hdr.merge.linear(&codes[..captures.len()]);
+            let mut codes = [&[][..]; MAX_CAPTURES];
+            for (codes, frame) in codes.iter_mut().zip(captures) {
+                *codes = &frame.data[y * width..][..*width];
             }
+            rows::merge(&self.hdr.merge, &codes[..captures.len()], row);
         });
         Plane { width: *width, height: *height, data }
     }
@@ -132,7 +135,10 @@ impl HdrSensor {
                 Samples::Captures(frame.captures.into_iter().map(|frame| frame.data).collect())
             }
             Output::Companded(curve) => {
-                Samples::Merged(linear.par_iter().map(|&linear| curve.code(linear)).collect())
+                let mut codes = vec![0; linear.len()];
+                let pieces = codes.par_chunks_mut(PIECE).zip(linear.par_chunks(PIECE));
+                pieces.for_each(|(codes, linear)| rows::compand(curve, linear, codes));
+                Samples::Merged(codes)
             }
             Output::Linear if self.hdr.linear_bits() > u16::BITS => Samples::Wide(linear),
             Output::Linear => {
