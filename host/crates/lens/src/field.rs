@@ -170,7 +170,7 @@ fn point(train: &Train, map: &Map, field_deg: [f64; 2], middle_sr: f64) -> Resul
         } else {
             solid_angle / middle_sr
         },
-        projected_solid_angle_sr: solid_angle,
+        projected_solid_angle_sr: if solid_angle < LEAST_SR { f64::NAN } else { solid_angle },
         spot_rms_mm: beam.spot_rms_mm(&outline),
     })
 }

@@ -11,7 +11,7 @@ use super::pupil::Beam;
 use super::system::{away_from_lens, finite, move_sensor, paraxial_of, surfaces_at};
 use super::trace::TrainSurface;
 use super::train::{FieldPupil, Train};
-use camrig_base::{Error, ErrorCode, Result};
+use camrig_base::{Error, ErrorCode, ErrorKind, Result};
 
 /// Width of a point's spot over that of the exit pupil from which on a sensor is reported as far
 /// out of focus. Chosen: a camera focused at infinity sees an object at ten focal lengths so.
@@ -134,10 +134,13 @@ impl System {
                 }
             }
         };
-        let lost = |i: usize| trains.iter().find_map(|train| check(i, train).err());
+        let lost = |i: usize| {
+            let of_rays = || trains.iter().find_map(|train| check(i, train).err());
+            self.without_pupil(i).or_else(of_rays)
+        };
         let lost: Vec<Option<Error>> = (0..fields.values.len()).map(lost).collect();
         if lost.iter().all(Option::is_some) {
-            return Ok(());
+            return self.without_pupil(0).map_or(Ok(()), Err);
         }
         let unit = if fields.kind == FieldKind::Angle { "°" } else { " mm" };
         let mut notes = Vec::new();
@@ -145,9 +148,11 @@ impl System {
             if let Some(error) = error {
                 let why = error.to_string();
                 let why = why.lines().next().unwrap_or_default();
-                notes.push(format!(
-                    "the field {value}{unit} is left out, since no light of it arrives: {why}"
-                ));
+                let cause = match error.kind() {
+                    ErrorKind::Unsupported => "as it cannot be traced",
+                    _ => "since no light of it arrives",
+                };
+                notes.push(format!("the field {value}{unit} is left out, {cause}: {why}"));
             }
         }
         let fields = &mut self.prescription.fields;
@@ -156,6 +161,30 @@ impl System {
         keep(&mut fields.vignetting, &lost);
         self.prescription.notes.extend(notes);
         Ok(())
+    }
+
+    /// Why vignetting factors are passed over, if they are.
+    fn passes_over_vignetting(&self) -> Option<&'static str> {
+        let p = &self.prescription;
+        if p.surfaces.iter().any(|s| !s.clips.is_empty()) {
+            Some("as surfaces have apertures, which alone cut the light")
+        } else if p.asymmetry().is_some() {
+            Some("as the lens is not rotationally symmetric: give apertures")
+        } else {
+            None
+        }
+    }
+
+    /// An error where vignetting factors leave a field no pupil: opposite rims meet, or cross.
+    fn without_pupil(&self, i: usize) -> Option<Error> {
+        let [ux, lx, uy, ly] = *self.prescription.fields.vignetting.get(i)?;
+        if ux + lx < 2.0 && uy + ly < 2.0 || self.passes_over_vignetting().is_some() {
+            return None;
+        }
+        let what = format!(
+            "vignetting factors of {ux} and {lx} in x, and {uy} and {ly} in y, leave no pupil"
+        );
+        Some(Error::input(what).help("those of opposite rims are below 2 together"))
     }
 
     /// Applies vignetting factors. As in OpticStudio the pupil is an ellipse, or as in CODE V every
@@ -167,14 +196,7 @@ impl System {
         if !p.fields.vignetting.iter().flatten().any(|v| *v != 0.0) {
             return Ok(());
         }
-        let passed_over = if p.surfaces.iter().any(|s| !s.clips.is_empty()) {
-            Some("as surfaces have apertures, which alone cut the light")
-        } else if p.asymmetry().is_some() {
-            Some("as the lens is not rotationally symmetric: give apertures")
-        } else {
-            None
-        };
-        if let Some(why) = passed_over {
+        if let Some(why) = self.passes_over_vignetting() {
             let note = format!("vignetting factors are passed over, {why}");
             self.prescription.notes.push(note);
             return Ok(());

@@ -13,6 +13,8 @@ use camrig_glass::text::number;
 const WITHOUT_EFFECT: [&str; 4] = ["MOFF", "MCOM", "LTTL", "CHZN"];
 /// Relative difference up to which a value of the editor is that of a surface: digits of a file.
 const SAME: f64 = 1e-9;
+/// Most parameters of a surface: no type has as many.
+const MAX_PARAMETERS: usize = 1000;
 /// The operand whose text is the title of a configuration.
 const TITLE: &str = "LTTL";
 /// Keywords of a surface that say nothing of solves and pickups (`VDSZ`, `VPAR`: variables).
@@ -43,8 +45,8 @@ impl Value {
 
 impl File {
     /// The number that an operand of the editor is about, in the file's unit; `None` for operands
-    /// that are not known.
-    fn number(&mut self, value: &Value) -> Option<&mut f64> {
+    /// that are not known, and for diameters that the file does not give, unless `create`d.
+    fn number(&mut self, value: &Value, create: bool) -> Option<&mut f64> {
         let [first, second] = [0, 1].map(|i| value.place[i].parse::<usize>().ok());
         let place = first?;
         let of_fields = match &value.operand[..] {
@@ -64,8 +66,15 @@ impl File {
             "THIC" => Some(&mut surface.thickness),
             "CRVT" => Some(&mut surface.curvature),
             "CONN" => Some(&mut surface.conic),
+            "SDIA" if create => Some(&mut surface.diameter.get_or_insert_default().0),
             "SDIA" => surface.diameter.as_mut().map(|(radius, _)| radius),
-            "PRAM" => surface.parameters.get_mut(second?.checked_sub(1)?),
+            "PRAM" => {
+                let slot = second?.checked_sub(1).filter(|slot| *slot < MAX_PARAMETERS)?;
+                // Those that a file does not give are 0.
+                let given = surface.parameters.len().max(slot + 1);
+                surface.parameters.resize(given, 0.0);
+                surface.parameters.get_mut(slot)
+            }
             _ => None,
         }
     }
@@ -240,7 +249,7 @@ impl Configurations {
         let mut values = self.values.iter().filter(|v| v.configuration == configuration);
         values.all(|value| {
             let wanted: Option<f64> = value.value.parse().ok();
-            let here = file.number(value).filter(|_| value.has_effect(image));
+            let here = file.number(value, false).filter(|_| value.has_effect(image));
             let (Some(here), Some(wanted)) = (here, wanted) else { return true };
             let infinite = here.abs().min(wanted.abs()) >= super::INFINITE;
             infinite || (*here - wanted).abs() <= SAME * wanted.abs()
@@ -248,7 +257,7 @@ impl Configurations {
     }
 
     fn set(&self, value: &Value, file: &mut File) -> Result<()> {
-        if let Some(here) = file.number(value) {
+        if let Some(here) = file.number(value, true) {
             *here = number(&value.operand, &value.value)?;
             return Ok(());
         }

@@ -20,8 +20,8 @@ pub(super) fn is_air(words: &[String]) -> bool {
         && words.get(1).is_none_or(|mode| mode == "0")
 }
 
-/// Difference of n_d from which on a line and a catalogue do not mean the same glass: melts differ
-/// by less.
+/// Difference of n_d, or of n_F - n_C = (n_d - 1) / V_d, from which on a line and a catalogue do not
+/// mean the same glass: melts differ by less.
 const SAME_INDEX: f64 = 1e-4;
 /// What OpticStudio writes for n_d and V_d where the glass is one of a catalogue.
 const PLACEHOLDER: (f64, f64) = (1.5, 40.0);
@@ -71,9 +71,16 @@ pub(super) fn medium(
         (_, e) => e,
     })?;
     let glass = found.noted(glasses.wavelengths_nm, notes);
-    let (nd, _) = glass.nd_vd();
-    if let Some((said, _)) = stated.filter(|(said, _)| (said - nd).abs() > SAME_INDEX) {
-        let note = format!("glass {name}: n_d is {said} by the file, and {nd:.6} as traced");
+    let (nd, vd) = glass.nd_vd();
+    let differs = |said: &(f64, f64)| {
+        let dispersion = (said.0 - 1.0) / said.1 - (nd - 1.0) / vd;
+        (said.0 - nd).abs().max(dispersion.abs()) > SAME_INDEX
+    };
+    if let Some((said_nd, said_vd)) = stated.filter(differs) {
+        let note = format!(
+            "glass {name}: n_d is {said_nd} and V_d {said_vd} by the file, {nd:.6} and {vd:.2} as \
+             traced"
+        );
         if !notes.contains(&note) {
             notes.push(note);
         }

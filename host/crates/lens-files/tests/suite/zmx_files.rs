@@ -553,6 +553,27 @@ fn vignetting_factors_make_an_ellipse_of_the_pupil() {
     }
 }
 
+/// At a compression of 1 and more the rims of the pupil meet and cross.
+#[test]
+fn a_field_without_a_pupil_is_left_out_and_told() {
+    let system = |compressions: &str| {
+        let text = format!(
+            "UNIT MM\nENPD 4\nFTYP 0 0 3 1\nXFLN 0 0 0\nYFLN 0 5 10\nVCYN {compressions}\nWAVM 1 \
+             0.55 1\nPWAV 1\nSURF 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  DISZ 10\nSURF 2\n  CURV \
+             0.02\n  DISZ 3\n  GLAS 1.5:60\nSURF 3\n  DISZ 90\nSURF 4\n  DISZ 0\n"
+        );
+        System::new(read(&text, &Catalogue::default()).unwrap(), Conditions::default())
+    };
+    for compression in ["1", "1.2"] {
+        let system = system(&format!("0 0.5 {compression}")).unwrap();
+        assert_eq!(system.prescription.fields.values, [0.0, 5.0], "{compression}");
+        let told = system.prescription.notes.join("\n");
+        assert!(told.contains("the field 10° is left out, since no light"), "{told}");
+    }
+    let error = system("1.2 1.2 1.2").unwrap_err().to_string();
+    assert!(error.contains("leave no pupil"), "{error}");
+}
+
 /// Through a flat port, an object in water is one in air at its distance over n; angles in water
 /// grow by Snell's law.
 #[test]
@@ -631,6 +652,9 @@ fn configurations_differ_in_diameters_parameters_and_fields() {
     assert_eq!(lens.aperture, Aperture::StopRadius(5.0));
     assert_eq!(lens.surfaces[0].even[1], 2e-5);
     assert_eq!(lens.fields.values, [0.0, 6.0]);
+    // What the lines of the surface leave out: a diameter that follows from the light, zeros.
+    let lens = read("SDIA 2 1 3\nSDIA 2 2 5\nPRAM 1 1 0 0 4\nPRAM 1 2 3e-9 0 4\n").unwrap();
+    assert_eq!(lens.surfaces[0].even[3], 3e-9);
     let error = read("YFIE 3 1 4\nYFIE 3 2 6\n").unwrap_err().to_string();
     assert!(error.contains("YFIE 3, which is not known"), "{error}");
 }
@@ -663,7 +687,10 @@ fn the_index_in_a_glass_line_is_offered_and_compared() {
     assert!(!error.contains("NOSUCH=1.5"), "{error}");
     assert!(with("GLAS N-BK7 0 0 1.51681 64.2 0").unwrap().notes.is_empty());
     let notes = with("GLAS N-BK7 0 0 1.5175 64.2 0").unwrap().notes;
-    assert!(notes[0].contains("n_d is 1.5175 by the file, and 1.516800 as traced"), "{notes:?}");
+    assert!(notes[0].contains("n_d is 1.5175 and V_d 64.2 by the file, 1.516800"), "{notes:?}");
+    // The index alone is that of the catalogue.
+    let notes = with("GLAS N-BK7 0 0 1.5168 55 0").unwrap().notes;
+    assert!(notes[0].contains("V_d 55 by the file, 1.516800 and 64.17"), "{notes:?}");
 }
 
 #[test]
