@@ -74,6 +74,11 @@ impl LiveEncoder {
         ))
     }
 
+    /// Says the frame rate before the first frame, for formats that say it.
+    pub fn set_rate(&mut self, frames_per_s: Option<f64>) {
+        self.frames_per_s = frames_per_s;
+    }
+
     /// Says the camera's figures before the first frame, for formats that hold them
     /// ([`Self::has_camera`]).
     #[cfg(feature = "mcap")]

@@ -7,9 +7,9 @@
 //! to 8 bits are `mono8` or `bayer_rggb8` and its like, others `...16`; they are the sensor's DN,
 //! not stretched. What ROS has no field for (bits, black and white level) is in the channel's
 //! metadata under `camrig`, from which [`decode`] takes it. Written without compression, read also
-//! with zstd and lz4; in records one
-//! after another, without chunks and their index: `mcap recover` adds one, and repairs a recording
-//! that is cut off.
+//! with zstd and lz4; in records one after another, without chunks and their index: `mcap recover`
+//! adds one, and repairs a recording that is cut off. Checksums of chunks and of the data are
+//! checked where a recording has them.
 
 mod chunks;
 
@@ -17,6 +17,7 @@ pub use super::ros::CameraInfo;
 use super::ros::{self, Image};
 use super::{Facts, Frames, MCAP_MAGIC, check_range};
 use camrig_base::{Error, Plane, RawFrame, Result};
+use mcap::read::Options;
 use mcap::records::{MessageHeader, op};
 use mcap::write::NoSeek;
 use mcap::{MessageStream, WriteOptions};
@@ -182,7 +183,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     checked(bytes)?;
     let mut topic: Option<Arc<mcap::Channel<'_>>> = None;
     let (mut planes, mut facts) = (Vec::<Plane<u16>>::new(), Facts::default());
-    for message in MessageStream::new(bytes).map_err(damaged)? {
+    let checking = Options::ValidateChunkCrcs.into();
+    for message in MessageStream::new_with_options(bytes, checking).map_err(damaged)? {
         let message = message.map_err(damaged)?;
         let channel = &message.channel;
         if channel.schema.as_ref().is_none_or(|schema| schema.name != ros::IMAGE) {
@@ -359,6 +361,22 @@ mod tests {
         let other = chunks::tests::packed(&plain, "brotli");
         let error = decode(&other).unwrap_err().to_string();
         assert!(error.contains("brotli") && error.contains("mcap compress"), "{error}");
+    }
+
+    /// One bit of a pixel, in a chunk with its checksum and in records with that of all data.
+    #[test]
+    fn a_wrong_bit_does_not_agree_with_the_checksums() {
+        let frame = frame(12, "GBRG");
+        let plain = recorded(&frame, None);
+        for whole in [chunks::tests::packed(&plain, ""), plain] {
+            assert_eq!(decode(&whole).unwrap().raw(2).unwrap(), frame);
+            let samples: Vec<u8> = frame.data.iter().flat_map(|dn| dn.to_le_bytes()).collect();
+            let at = whole.windows(samples.len()).position(|w| w == samples).unwrap();
+            let mut damaged = whole;
+            damaged[at + 2] ^= 1;
+            let error = decode(&damaged).unwrap_err().to_string();
+            assert!(error.to_lowercase().contains("crc"), "{error}");
+        }
     }
 
     /// Drivers of cameras without a colour filter array, or that do not know it, say the type of

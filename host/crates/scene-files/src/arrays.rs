@@ -28,8 +28,6 @@ const LAYOUTS: &[(&str, usize, f64, &str)] = &[
 
 /// Parts of the names of lists of wavelengths.
 const WAVELENGTH_NAMES: [&str; 7] = ["wave", "wl", "wvl", "lambda", "band", "nm", "list_cw"];
-/// Parts of names that cannot mean anything else.
-const SURE_NAMES: [&str; 3] = ["wave", "lambda", "list_cw"];
 /// Whole names of such lists: as parts they may be those of places in the picture.
 const CENTRES: [&str; 4] = ["center", "centers", "centre", "centres"];
 /// Parts of the names of other lists: of the widths of bands, of wavenumbers.
@@ -79,10 +77,9 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         wavelengths(&arrays.list, &lengths, sidecar, |name| arrays.list_of(name, sidecar))?;
     let stated = arrays.stated_wavelengths(name)?;
     let of_attribute = |attribute: &hdf5::Attribute| {
-        let names = || attribute.texts.iter().map(String::as_str);
         let nm = match &attribute.numbers {
             Some(list) => in_nm(&attribute.name.to_lowercase(), list),
-            None => units::wavelengths_in(names()).ok().flatten(),
+            None => units::wavelengths_in(names_in(&attribute.texts)).ok().flatten(),
         };
         let nm = nm.filter(|nm| lengths.contains(&nm.len()))?;
         Some((attribute.name.clone(), nm))
@@ -106,13 +103,16 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     };
     let kind = ["MATLAB 5", "MATLAB 7.3", "HDF5"][arrays.kind as usize];
     let understood = vec![format!("{kind}, array {name:?} of {lengths:?}, axes {axes}")];
-    let names = stated.iter().map(|attribute| &attribute.name);
-    let mut others = names.chain(arrays.list.iter().map(|(name, _)| name));
-    let is_sure = |name: &&String| {
-        let word = word_of_wavelengths(name).unwrap_or_default();
-        SURE_NAMES.iter().any(|part| word.contains(part))
+    let is_list = |numbers: &usize| *numbers > 1;
+    let of_attributes = stated.iter().filter(|of| {
+        of.numbers.as_ref().map_or(!of.texts.is_empty(), |list| is_list(&list.len()))
+    });
+    let named = |(name, shape): &&(String, Vec<usize>)| {
+        word_of_wavelengths(name).is_some() && shape.iter().any(|n| is_list(n))
     };
-    let other_wavelengths = others.find(is_sure).cloned();
+    let of_arrays = arrays.list.iter().filter(|of| of.0 != name).filter(named);
+    let mut others = of_attributes.map(|of| &of.name).chain(of_arrays.map(|(name, _)| name));
+    let other_wavelengths = others.next().cloned();
     let mut own = Own { understood, other_wavelengths, ..Own::default() };
     let scale = arrays.quantity(name, used_attribute.as_deref(), sidecar, &mut own)?;
     let source = arrays.cube(name, shape, &axes)?;
@@ -293,6 +293,20 @@ pub(super) fn in_nm(name: &str, list: &[f64]) -> Option<Vec<f64>> {
     in_um.then(|| list.iter().map(|um| um * 1000.0).collect())
 }
 
+/// The names in a list of texts, or in one text: between commas or semicolons, else blanks.
+fn names_in(texts: &[String]) -> impl Iterator<Item = &str> {
+    let one = match texts {
+        [one] => &one[..],
+        _ => "",
+    };
+    let mark = |c: char| c == ',' || c == ';';
+    let by_marks = one.contains(mark);
+    let parts = one.split(move |c: char| if by_marks { mark(c) } else { c.is_whitespace() });
+    let parts = parts.map(str::trim).filter(|name| !name.is_empty());
+    let several = texts.iter().map(String::as_str).filter(|_| texts.len() > 1);
+    several.chain(parts)
+}
+
 /// The text of an attribute that names a unit.
 fn unit(attribute: &hdf5::Attribute) -> Option<String> {
     let is_unit = ["unit", "units"].contains(&&*attribute.name.to_lowercase());
@@ -350,17 +364,18 @@ impl<'a> Arrays<'a> {
         }
     }
 
-    /// The attributes of an array and of its file that are wavelengths by their names, or are names
-    /// that state some.
+    /// The attributes of an array and of its file, and its lists of texts, that are wavelengths by
+    /// their names, or are names that state some.
     fn stated_wavelengths(&self, name: &str) -> Result<Vec<hdf5::Attribute>> {
         if self.kind != Kind::Hdf5 {
             return Ok(Vec::new());
         }
         let mut all = self.attributes(name)?;
         all.extend(hdf5::attributes(self.path, None)?);
+        all.extend(hdf5::text_lists(self.path)?);
         all.retain(|attribute| {
-            let states = |name: &String| units::wavelength_in(name).is_some();
-            let are_names = attribute.texts.len() > 1 && attribute.texts.iter().any(states);
+            let states = |name: &str| units::wavelength_in(name).is_some();
+            let are_names = names_in(&attribute.texts).filter(|name| states(name)).count() > 1;
             are_names || word_of_wavelengths(&attribute.name).is_some()
         });
         Ok(all)
@@ -569,6 +584,24 @@ mod tests {
         assert!(said.contains("31 bands, 420 to 720") && said.contains("attribute"), "{said}");
         let error = open(vec![420.0, 720.0]).err().unwrap().to_string();
         assert!(error.contains("\"wavelength\"") && error.contains("start_nm"), "{error}");
+        // Names of bands: several texts, or one; without a unit they are asked about.
+        let named = |unit: &str, join: Option<&str>| {
+            use hdf5_pure::AttrValue::{String as Text, StringArray};
+            let names: Vec<String> =
+                (0..31).map(|band| format!("B{}{unit}", 420 + 10 * band)).collect();
+            let value = join.map_or(StringArray(names.clone()), |by| Text(names.join(by)));
+            let mut file = hdf5_pure::FileBuilder::new();
+            let cube = file.create_dataset("cube").with_f64_data(&[0.5; 31]);
+            cube.with_shape(&[1, 1, 31]).set_attr("band_names", value);
+            file.write(&path).unwrap();
+            open_file(path.to_str().unwrap())
+        };
+        for join in [None, Some(","), Some("; "), Some(" ")] {
+            let said = named("nm", join).unwrap().understood().join("\n");
+            assert!(said.contains("31 bands, 420 to 720"), "{join:?}: {said}");
+            let error = named("", join).err().unwrap().to_string();
+            assert!(error.contains("\"band_names\""), "{join:?}: {error}");
+        }
     }
 
     #[test]

@@ -80,13 +80,21 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         })
     });
     let (nm, quantity) = (header.wavelengths(&mut notes)?, quantity.transpose()?);
-    let quantity = quantity.or(header.quantity_of_title());
+    let title = header.title_of_values().filter(|_| quantity.is_none()).unwrap_or_default();
+    let unit = header.unit_of_values().filter(|_| reflectance_scale.is_none());
+    let quantity = match quantity {
+        Some(quantity) => Some(quantity),
+        None => units::quantity_of(title, unit.is_some(), sidecar)?,
+    };
     let other_wavelengths = header.other_wavelengths();
     let mut own = Own { nm, quantity, other_wavelengths, understood, notes, ..Own::default() };
-    let unit = match sidecar.quantity.or(quantity) {
-        Some(Quantity::Radiance) => unit_of_radiance(&header, sidecar, &mut own)?,
-        _ => None,
+    let unit = match unit {
+        Some(unit) => units::scale("z plot titles", unit, sidecar, &mut own)?,
+        None => None,
     };
+    if header.unit_of_values().is_none() {
+        refuse_gains_of_unknown_unit(&header, sidecar, quantity)?;
+    }
     let unit = unit.or(sidecar.scale).unwrap_or(1.0);
     let scale = (f64::from(unit) / reflectance_scale.unwrap_or(1.0)) as f32;
     own.stated = header.stated(scale)?;
@@ -96,16 +104,18 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
     sidecar.cube(Box::new(cube), own)
 }
 
-/// What makes radiance in the scene's unit of samples with their gains: by the title of the values.
-fn unit_of_radiance(header: &Header, sidecar: &Sidecar, own: &mut Own) -> Result<Option<f32>> {
-    if let Some(unit) = header.unit_of_values() {
-        return units::scale("z plot titles", unit, sidecar, own);
-    }
-    if header.text("data gain values").is_some() && sidecar.scale.is_none() {
+/// Refuses gains that make radiance of the samples, where nothing says in which unit.
+fn refuse_gains_of_unknown_unit(
+    header: &Header,
+    sidecar: &Sidecar,
+    quantity: Option<Quantity>,
+) -> Result<()> {
+    let is_radiance = sidecar.quantity.or(quantity) == Some(Quantity::Radiance);
+    if is_radiance && header.text("data gain values").is_some() && sidecar.scale.is_none() {
         return Err(Error::input("the header gives gains of radiance, and not of which unit")
             .help(format!("{STATE_THE_UNIT}; those of ENVI's own make W/m2/sr/um")));
     }
-    Ok(None)
+    Ok(())
 }
 
 fn sample_of(header: &Header) -> Result<Sample> {

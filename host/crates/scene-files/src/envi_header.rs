@@ -1,6 +1,5 @@
 //! Headers of ENVI cubes: keys and values in text.
 
-use super::Quantity;
 use super::selection::Stated;
 use super::units;
 use camrig_base::unit::Unit;
@@ -123,22 +122,26 @@ impl Header {
             .help("take one of them out of the header, or give scale=FACTOR instead of the first"))
     }
 
-    /// Radiance, where the title of the values names it or has a unit of it.
-    pub fn quantity_of_title(&self) -> Option<Quantity> {
-        let title = self.title_of_values()?.to_lowercase();
-        let named = title.contains(Quantity::Radiance.name()) && !title.contains("irradiance");
-        let has_unit = || Unit::parse(self.unit_of_values()?).ok()?.radiance();
-        (named || has_unit().is_some()).then_some(Quantity::Radiance)
+    /// The second of `z plot titles`: what the values are.
+    pub fn title_of_values(&self) -> Option<&str> {
+        let title = self.text("z plot titles")?.split_once(',')?.1;
+        Some(title.trim_matches(['}', ' ']))
     }
 
-    /// The second of `z plot titles`.
-    fn title_of_values(&self) -> Option<&str> {
-        Some(self.text("z plot titles")?.split_once(',')?.1)
-    }
-
-    /// The unit in the brackets of the title of the values.
+    /// The unit in the title of the values: in brackets, the whole title, or the words at its end
+    /// that are a unit of radiance or per cent.
     pub fn unit_of_values(&self) -> Option<&str> {
         let title = self.title_of_values()?;
+        let is_unit = |text: &str| {
+            let unit = Unit::parse(text).ok();
+            let fits = |u: Unit| u.radiance().is_some() || text == title || text.trim() == "%";
+            unit.is_some_and(fits)
+        };
+        let starts = std::iter::once(0).chain(title.match_indices(' ').map(|(at, _)| at + 1));
+        if let Some(unit) = starts.map(|at| &title[at..]).find(|text| is_unit(text)) {
+            let inner = |[open, close]: [char; 2]| unit.strip_prefix(open)?.strip_suffix(close);
+            return Some(inner(['(', ')']).or_else(|| inner(['[', ']'])).unwrap_or(unit));
+        }
         let (from, to) = (title.find(['(', '['])? + 1, title.rfind([')', ']'])?);
         title.get(from..to).map(str::trim).filter(|unit| !unit.is_empty())
     }
@@ -200,23 +203,23 @@ impl Header {
         nm.map(Some).ok_or_else(wrong)
     }
 
+    fn band_names(&self) -> impl Iterator<Item = &str> {
+        let names = self.text("band names").unwrap_or_default();
+        names.trim_matches(['{', '}', ' ']).trim_end_matches([',', ' ']).split(',')
+    }
+
     /// The wavelengths that the names of the bands state, nm.
     fn of_band_names(&self, notes: &mut Vec<String>) -> Result<Option<Vec<f64>>> {
-        let Some(names) = self.text("band names") else { return Ok(None) };
-        let names = names.trim_matches(['{', '}', ' ']).trim_end_matches([',', ' ']);
-        let nm = units::wavelengths_in(names.split(','))?;
+        let nm = units::wavelengths_in(self.band_names())?;
         if nm.is_some() {
             notes.push("the wavelengths are those that the band names state".into());
         }
         Ok(nm)
     }
 
-    /// A key that is not read and may state wavelengths: also names of bands that are rising
-    /// numbers of their size.
+    /// A key that is not read and may state wavelengths: also names of bands.
     pub fn other_wavelengths(&self) -> Option<String> {
-        let names = self.list("band names").ok().flatten().unwrap_or_default();
-        let like_nm = |nm: &f64| units::NAMED_NM.contains(nm);
-        if names.len() > 1 && names.iter().all(like_nm) && names.is_sorted_by(|a, b| a < b) {
+        if units::may_state_wavelengths(self.band_names()) {
             return Some("band names".into());
         }
         let other = |key: &&String| key.contains("wave") && !KNOWN.contains(&key.as_str());
@@ -260,24 +263,30 @@ mod tests {
         assert_eq!(numbers.wavelengths(&mut notes).unwrap(), None);
         assert_eq!(numbers.other_wavelengths().as_deref(), Some("band names"));
         assert_eq!(header("band names = {1, 2}").other_wavelengths(), None);
+        let lettered = header("band names = {L420, L430, L440}");
+        assert_eq!(lettered.other_wavelengths().as_deref(), Some("band names"));
         let other = header("center wavelengths = {1, 2}");
         assert_eq!(other.wavelengths(&mut notes).unwrap(), None);
         assert_eq!(other.other_wavelengths().as_deref(), Some("center wavelengths"));
     }
 
     #[test]
-    fn the_title_of_the_values_says_radiance() {
-        for (title, radiance) in [
-            ("Wavelength (nm), Radiance (uW/cm^2/SR/nm)", true),
-            ("Wavelength, Value [mW/(m2 sr nm)]", true),
-            ("Wavelength, Radiance", true),
-            ("Wavelength, Reflectance (%)", false),
-            ("Wavelength, Irradiance (W/m2/nm)", false),
-            ("Wavelength, Value", false),
+    fn the_title_of_the_values_has_their_unit() {
+        for (title, unit) in [
+            ("Wavelength (nm), Radiance (uW/cm^2/SR/nm)", Some("uW/cm^2/SR/nm")),
+            ("Wavelength, Value [mW/(m2 sr nm)]", Some("mW/(m2 sr nm)")),
+            ("Wavelength, uW/cm^2/SR/nm", Some("uW/cm^2/SR/nm")),
+            ("Wavelength, Radiance in W m-2 sr-1 um-1", Some("W m-2 sr-1 um-1")),
+            ("Wavelength, mW/(m2 sr nm)", Some("mW/(m2 sr nm)")),
+            ("Wavelength, Reflectance %", Some("%")),
+            ("Wavelength, Reflectance (%)", Some("%")),
+            ("Wavelength, Value (counts)", Some("counts")),
+            ("Wavelength, Radiance", None),
+            ("Wavelength, Value", None),
+            ("Wavelength, Scan 2", None),
         ] {
             let header = Header::parse(&format!("ENVI\nz plot titles = {{{title}}}\n")).unwrap();
-            let found = header.quantity_of_title();
-            assert_eq!(found, radiance.then_some(Quantity::Radiance), "{title}");
+            assert_eq!(header.unit_of_values(), unit, "{title}");
         }
     }
 

@@ -274,10 +274,39 @@ impl BandSource for Planes {
 
 /// Names, groups before them, and shapes, slowest axis first, of the numeric arrays of a file.
 pub fn list(path: &Path) -> Result<Vec<(String, Vec<usize>)>> {
-    let file = opened(path)?;
     let mut arrays = Vec::new();
-    list_group(&file.root(), "", 0, &mut arrays)?;
+    list_group(&opened(path)?.root(), "", 0, &mut |name, dataset, kind| {
+        let numeric = match kind {
+            DType::String
+            | DType::Compound(_)
+            | DType::Enum(_)
+            | DType::Array(..)
+            | DType::VariableLengthString
+            | DType::ObjectReference => false,
+            DType::Other(kind) => matches!(*kind, Datatype::FloatingPoint { .. }),
+            _ => true,
+        };
+        if numeric {
+            let shape = dataset.shape().map_err(refused)?;
+            arrays.push((name, shape.into_iter().map(|n| n as usize).collect()));
+        }
+        Ok(())
+    })?;
     Ok(arrays)
+}
+
+/// The lists of texts of a file, like attributes.
+pub fn text_lists(path: &Path) -> Result<Vec<Attribute>> {
+    let mut lists = Vec::new();
+    list_group(&opened(path)?.root(), "", 0, &mut |name, dataset, kind| {
+        let short = dataset.shape().map_err(refused)?.iter().product::<u64>() <= MAX_TEXTS;
+        if matches!(kind, DType::String | DType::VariableLengthString) && short {
+            let texts = dataset.read_string().map_err(refused)?;
+            lists.push(Attribute { name, texts, numbers: None });
+        }
+        Ok(())
+    })?;
+    Ok(lists)
 }
 
 /// An attribute; its value if that is text, or numbers.
@@ -348,32 +377,18 @@ fn list_group(
     group: &Group,
     before: &str,
     depth: usize,
-    arrays: &mut Vec<(String, Vec<usize>)>,
+    take: &mut impl FnMut(String, &Dataset, DType) -> Result<()>,
 ) -> Result<()> {
     for name in group.datasets().map_err(refused)? {
         let dataset = group.dataset(&name).map_err(refused)?;
-        let numeric = match dataset.dtype().map_err(refused)? {
-            DType::String
-            | DType::Compound(_)
-            | DType::Enum(_)
-            | DType::Array(..)
-            | DType::VariableLengthString
-            | DType::ObjectReference => false,
-            DType::Other(kind) => matches!(*kind, Datatype::FloatingPoint { .. }),
-            _ => true,
-        };
-        if numeric {
-            let shape = dataset.shape().map_err(refused)?;
-            let shape = shape.into_iter().map(|n| n as usize).collect();
-            arrays.push((format!("{before}{name}"), shape));
-        }
+        take(format!("{before}{name}"), &dataset, dataset.dtype().map_err(refused)?)?;
     }
     // Groups of MATLAB's own, for cells and objects.
     let own = |name: &String| name.starts_with('#');
     for name in group.groups().map_err(refused)?.into_iter().filter(|name| !own(name)) {
         if depth < MAX_DEPTH {
             let inner = group.group(&name).map_err(refused)?;
-            list_group(&inner, &format!("{before}{name}/"), depth + 1, arrays)?;
+            list_group(&inner, &format!("{before}{name}/"), depth + 1, take)?;
         }
     }
     Ok(())
@@ -390,6 +405,8 @@ fn samples(lengths: &[usize]) -> Option<usize> {
     lengths.iter().try_fold(1usize, |n, &length| n.checked_mul(length))
 }
 
+/// Most texts of a list: bands have names, pixels have none.
+const MAX_TEXTS: u64 = 1 << 16;
 /// Most samples of an array or band that is held in memory: 512 MiB. An array whose bands come
 /// first is read band by band.
 const MAX_HELD: usize = 1 << 27;

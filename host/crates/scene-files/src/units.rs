@@ -112,6 +112,19 @@ pub fn wavelengths_in<'a>(names: impl Iterator<Item = &'a str>) -> Result<Option
     Ok(stated.into_iter().collect::<Option<Vec<f64>>>().filter(|nm| !nm.is_empty()))
 }
 
+/// Whether the names of bands may state wavelengths without their unit: each has one number, and
+/// these rise within the wavelengths of scenes.
+pub fn may_state_wavelengths<'a>(names: impl Iterator<Item = &'a str>) -> bool {
+    let number = |name: &'a str| {
+        let mut numbers = name.split(|c: char| !c.is_ascii_digit() && c != '.');
+        let number = numbers.find(|text| !text.is_empty())?.parse::<f64>().ok()?;
+        let one = numbers.all(str::is_empty) && NAMED_NM.contains(&number);
+        one.then_some(number)
+    };
+    let stated: Option<Vec<f64>> = names.map(number).collect();
+    stated.is_some_and(|list| list.len() > 1 && list.is_sorted_by(|a, b| a < b))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,6 +164,9 @@ mod tests {
         assert_eq!(of(&["450 nm", "460 nm"]).unwrap(), Some(vec![450.0, 460.0]));
         assert_eq!(of(&["Band 1", "Band 2"]).unwrap(), None);
         assert!(of(&["450 nm", "Band 2"]).is_err());
+        let may = |names: &[&str]| may_state_wavelengths(names.iter().copied());
+        assert!(may(&["L420", "L430"]) && may(&["420", "430.5"]));
+        assert!(!may(&["B1", "B2"]) && !may(&["L430", "L420"]) && !may(&["x", "L420"]));
     }
 
     #[test]

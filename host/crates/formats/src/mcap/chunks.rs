@@ -69,6 +69,9 @@ impl<'a> Chunk<'a> {
 
 /// The recording with its chunks unpacked and without what follows the data, whose places would
 /// not be right; `None` where nothing is compressed.
+///
+/// # Errors
+/// A chunk that cannot be unpacked, or data that do not agree with their checksum.
 pub(super) fn unpacked(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
     let mut rest = bytes.get(MCAP_MAGIC.len()..).unwrap_or_default();
     let (mut out, mut found) = (MCAP_MAGIC.to_vec(), false);
@@ -77,7 +80,10 @@ pub(super) fn unpacked(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
         let record = usize::try_from(length).ok().and_then(|n| after.split_at_checked(n));
         let Some((record, next)) = record else { break };
         match Chunk::of(record).filter(|_| head[0] == op::CHUNK) {
-            _ if head[0] == op::DATA_END => break,
+            _ if head[0] == op::DATA_END => {
+                check_data(&bytes[..bytes.len() - rest.len()], record)?;
+                break;
+            }
             Some(chunk) if !chunk.compression.is_empty() => {
                 found = true;
                 let records = chunk.unpacked(gzip::LARGEST.saturating_sub(out.len()))?;
@@ -92,6 +98,16 @@ pub(super) fn unpacked(bytes: &[u8]) -> Result<Option<Vec<u8>>> {
     put(&mut out, op::FOOTER, &[0; 20]);
     out.extend(MCAP_MAGIC);
     Ok(found.then_some(out))
+}
+
+/// Checks all bytes before the end of the data by the CRC-32 that is stated there; 0 states none.
+fn check_data(before: &[u8], end: &[u8]) -> Result<()> {
+    let stated = end.first_chunk().map_or(0, |crc| u32::from_le_bytes(*crc));
+    if stated == 0 || stated == crc32fast::hash(before) {
+        return Ok(());
+    }
+    Err(Error::input("the data of an MCAP recording do not agree with their CRC")
+        .help("the recording is damaged"))
 }
 
 fn put(out: &mut Vec<u8>, opcode: u8, record: &[u8]) {
@@ -120,10 +136,14 @@ pub(super) mod tests {
             let (record, next) = rest.split_at(HEAD + length);
             if record[0] == op::MESSAGE {
                 let records = compressed(record, packing);
-                // Two times, the length when unpacked, no checksum.
-                let fixed = [&[0; 16][..], &(record.len() as u64).to_le_bytes(), &[0; 4]].concat();
+                // Two times, the length when unpacked, the checksum.
+                let crc = crc32fast::hash(record).to_le_bytes();
+                let fixed = [&[0; 16][..], &(record.len() as u64).to_le_bytes(), &crc].concat();
                 let compression = packing.as_bytes();
                 put_chunk(&mut out, &Chunk { fixed: &fixed, compression, records: &records });
+            } else if record[0] == op::DATA_END {
+                // No checksum of the data, which are others now.
+                put(&mut out, op::DATA_END, &[0; 4]);
             } else {
                 out.extend(record);
             }

@@ -1,6 +1,6 @@
 //! What files of spectral cubes say beside their samples: followed, told or refused.
 
-use camrig_scene::{Grid, Scene};
+use camrig_scene::{Grid, Quantity, Scene};
 use camrig_scene_files::{open, open_file};
 use camrig_testing::shared;
 use std::path::Path;
@@ -157,6 +157,16 @@ fn gains_of_radiance_in_an_envi_header_need_a_unit() {
         let got = cube.band(0).unwrap().data[0];
         assert!((got / value - 1.0).abs() < 1e-5, "{more}{options}: {got}");
     }
+    // The title alone says radiance, and its unit, or not.
+    let untold = header.replace("quantity = radiance\n", "");
+    std::fs::write(&path, format!("{untold}z plot titles = {{Wavelength, uW/cm^2/SR/nm}}\n"))
+        .unwrap();
+    let cube = open_file(path.to_str().unwrap()).unwrap();
+    assert_eq!(cube.quantity(), Quantity::Radiance);
+    assert!((cube.band(0).unwrap().data[0] - 5.0).abs() < 1e-5);
+    std::fs::write(&path, format!("{untold}z plot titles = {{Wavelength, Radiance}}\n")).unwrap();
+    let error = refused(path.to_str().unwrap());
+    assert!(error.contains("of unknown unit") && error.contains("unit=W/m2/sr/um"), "{error}");
     std::fs::write(&path, format!("{header}{gains}")).unwrap();
     let error = refused(path.to_str().unwrap());
     assert!(error.contains("unit=W/m2/sr/um"), "{error}");
