@@ -57,12 +57,13 @@ pub struct HelloReply {
 }
 
 impl HelloReply {
-    /// Whether a host can use it: a version of both ends, and limits within which packets fit.
+    /// Whether a host can use it: a version of both ends, and limits within which packets fit; or
+    /// none of these, where there is no version of both ends.
     pub(crate) fn is_sound(&self) -> bool {
+        let both = self.oldest.max(VERSIONS.0)..=self.newest.min(VERSIONS.1);
         match &self.device {
-            None => true,
+            None => both.is_empty() && self.version == 0,
             Some(device) => {
-                let both = self.oldest.max(VERSIONS.0)..=self.newest.min(VERSIONS.1);
                 let fits = usize::from(device.packet_bytes) >= MIN_PACKET_BYTES;
                 both.contains(&self.version) && fits && device.credit > 0
             }

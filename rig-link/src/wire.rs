@@ -16,7 +16,7 @@
 //! the fixed fields are read with checked slicing. [`seal`] panics if its buffer, whose size the
 //! caller chooses, is too small.
 
-use crate::message::VERSIONS;
+use crate::message::{Nack, ToHost, VERSIONS};
 use core::fmt;
 
 /// Bytes of the header before the body.
@@ -174,6 +174,15 @@ pub fn seal(buffer: &mut [u8], header: Header, body_bytes: usize) -> usize {
     let crc = crc32c(&buffer[..end]);
     buffer[end..end + CHECK_BYTES].copy_from_slice(&crc.to_le_bytes());
     end + CHECK_BYTES
+}
+
+/// Whether a packet tells its host that the device has no session with it.
+#[must_use]
+pub fn tells_no_session(packet: &[u8]) -> bool {
+    Packet::parse(packet).is_ok_and(|packet| {
+        let message = postcard::from_bytes(packet.body);
+        packet.header.kind == Kind::Control && message == Ok(ToHost::Nack(Nack::NoSession))
+    })
 }
 
 /// Whether counter `a` comes after `b`; counters wrap.

@@ -48,6 +48,14 @@ fn a_hello_that_cannot_be_used_is_told_at_once() {
     assert_eq!(reply(&|_, device| device.packet_bytes = 0), Some(Event::UnusableHello));
     assert_eq!(reply(&|_, device| device.credit = 0), Some(Event::UnusableHello));
     assert_eq!(reply(&|reply, _| reply.version = 2), Some(Event::UnusableHello));
+    // Without capabilities, though there is a version of both.
+    let without = |version, oldest, newest| {
+        connects(&postcard(&HelloReply { version, oldest, newest, device: None }))
+    };
+    assert_eq!(without(1, 1, 1), Some(Event::UnusableHello));
+    assert_eq!(without(0, 1, 1), Some(Event::UnusableHello));
+    let (oldest, newest) = (2, 3);
+    assert_eq!(without(0, 2, 3), Some(Event::NoCommonVersion { oldest, newest }));
     // A text that is not UTF-8, and one beyond its 40 bytes.
     assert_eq!(connects(&[1, 1, 1, 1, 1, 0xff]), Some(Event::UnusableHello));
     let long = [&[1, 1, 1, 1, 50][..], &[b'x'; 60]].concat();

@@ -277,6 +277,11 @@ pub struct FrameArgs {
     /// it is ready [default: 1, or those of the bracket or sequence]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub frames: Option<u32>,
+    /// Frame rate of the sensor, frames/s (30, 30000/1001): time stamps of mcap, rate of y4m, and
+    /// which frame of a sequence is shown when. An exposure longer than a frame is refused [default:
+    /// as fast as [sensor.timing] of the camera file allows]
+    #[arg(long, value_name = "F", value_parser = frames_per_s)]
+    pub fps: Option<f64>,
     /// Exposure bracket: steps in EV relative to the exposure, one frame each
     #[arg(long, value_name = "EV,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub bracket: Vec<f64>,

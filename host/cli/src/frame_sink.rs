@@ -106,12 +106,14 @@ pub struct Named<'a> {
     pub number: u32,
     /// Name of the capture.
     pub name: Option<&'a str>,
+    /// When it begins, s after the first, if that is known.
+    pub time_s: Option<f64>,
     /// Payloads of its embedded data lines, for outputs that have such.
     pub embedded: Vec<Vec<u8>>,
 }
 
 /// How many frames a camera sends of an exposure.
-fn per_exposure(camera: &Camera) -> u32 {
+pub fn per_exposure(camera: &Camera) -> u32 {
     match &camera.sensor.hdr {
         Some(hdr) if hdr.output == HdrOutput::Captures => hdr.captures.len() as u32,
         _ => 1,
@@ -215,6 +217,15 @@ impl FrameSink {
         matches!(&self.place, Place::Live(_, stop) if stop.is_asked())
     }
 
+    /// Sets the frame rate before the first frame, for outputs that store it.
+    pub fn set_rate(&mut self, frames_per_s: Option<f64>) {
+        match &mut self.place {
+            Place::Stream(_, encoder) => encoder.set_rate(frames_per_s),
+            Place::Live(frames, _) => frames.set_rate(frames_per_s),
+            _ => {}
+        }
+    }
+
     /// Sets the camera's intrinsics before the first frame, if the output stores them.
     pub fn set_camera(&mut self, figures: impl FnOnce() -> Result<CameraInfo>) -> Result<()> {
         match &mut self.place {
@@ -223,12 +234,6 @@ impl FrameSink {
             _ => {}
         }
         Ok(())
-    }
-
-    /// Writes the next frame.
-    pub fn write(&mut self, frame: &RawFrame, info: &DngInfo) -> Result<()> {
-        let number = self.count as u32;
-        self.write_named(&Named { number, ..Named::default() }, frame, info)
     }
 
     /// Writes a frame of more than 16 bits.
@@ -269,7 +274,8 @@ impl FrameSink {
 
     fn put(&mut self, is: &Named<'_>, samples: Samples<'_>, info: &DngInfo) -> Result<()> {
         let number = self.count;
-        let beside = Beside { embedded: is.embedded.clone(), ..Beside::default() };
+        let beside =
+            Beside { embedded: is.embedded.clone(), time_s: is.time_s, ..Beside::default() };
         let encoded = || match &self.kind {
             Kind::Picture => {
                 let (frame, gain) = samples.picture();

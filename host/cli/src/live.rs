@@ -46,6 +46,11 @@ impl LiveFrames {
         Ok(Self { output: LiveOutput::create(path, force)?, encoder, frames: 0 })
     }
 
+    /// Sets the frame rate before the first frame.
+    pub fn set_rate(&mut self, frames_per_s: Option<f64>) {
+        self.encoder.set_rate(frames_per_s);
+    }
+
     /// Whether the format stores a camera's intrinsics.
     pub fn has_camera(&self) -> bool {
         self.encoder.has_camera()

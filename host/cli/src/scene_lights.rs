@@ -137,7 +137,7 @@ impl SceneLights {
             return Ok(vec![light]);
         };
         let end_s = windows.iter().map(Window::end_s).fold(0.0, f64::max);
-        let (rows, period_s) = (times.next(end_s)?, times.period_s(end_s));
+        let (rows, period_s) = (times.next(end_s)?, times.period_s(end_s)?);
         windows.iter().map(|w| self.in_rows(frame, &rows.part(w), period_s, first)).collect()
     }
 
@@ -217,7 +217,7 @@ impl SceneLights {
     }
 
     /// When rows collect light, for `--json`; null if that is not known.
-    pub fn timing(&self, exposure_s: f64) -> Value {
-        self.times.as_ref().map_or(Value::Null, |times| times.figures(exposure_s))
+    pub fn timing(&self, exposure_s: f64) -> Result<Value> {
+        self.times.as_ref().map_or(Ok(Value::Null), |times| times.figures(exposure_s))
     }
 }

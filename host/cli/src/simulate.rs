@@ -1,6 +1,6 @@
 //! `camrig simulate`: scene to raw.
 
-use super::arguments::{self, FrameArgs, frames_per_s};
+use super::arguments::{self, FrameArgs};
 use super::notes::Notes;
 use super::scene_lights::SceneLights;
 use super::taking::{Sensor, Subject, expose_frames};
@@ -44,10 +44,6 @@ pub struct Args {
     frames: FrameArgs,
     #[command(flatten)]
     time: TimeArgs,
-    /// Frame rate of the sensor, frames/s (30, 30000/1001); decides which frame of a sequence is
-    /// shown when
-    #[arg(long, value_name = "F", value_parser = frames_per_s)]
-    fps: Option<f64>,
     /// Also save the irradiance on the sensor, for `camrig expose`
     #[arg(long, value_name = "FILE")]
     save_irradiance: Option<PathBuf>,
@@ -72,9 +68,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut camera = readout.camera(args.view.camera.load()?)?;
     let mut sink = frames.sink(&camera)?;
     camera.first_frame = frames.first_number();
-    let times = args.time.times(&camera, args.fps)?;
+    let times = args.time.times(&camera, frames.fps)?;
     let told = Notes::default();
-    let (mut lights, first) = SceneLights::open(&args.view, &camera, args.fps, times, told)?;
+    let (mut lights, first) = SceneLights::open(&args.view, &camera, frames.fps, times, told)?;
     if frames.hdr.is_some() && lights.change_within_frames() {
         return Err(Error::unsupported(
             "two exposures in one frame of light that changes with time",
@@ -131,7 +127,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "exposure_s": exposure_s,
         "noise": camera.sensor.kept_noise.name(),
         "scene_frames": lights.counts(),
-        "timing": lights.timing(exposure_s),
+        "timing": lights.timing(exposure_s)?,
         "optics": {
             "path": args.view.path.name(),
             "collapse": collapse,

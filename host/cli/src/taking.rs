@@ -1,9 +1,10 @@
 //! Frames of `simulate` and `expose`: the sensor stage, frame after frame.
 
 use super::arguments::{self, FrameArgs};
-use super::frame_sink::{FrameSink, Named};
+use super::frame_sink::{FrameSink, Named, per_exposure};
 use super::readout::ReadoutArgs;
 use super::scene_lights::NextLight;
+use super::times::frame_period;
 use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::hdr::Hdr;
 use camrig_camera::{Camera, Window};
@@ -91,6 +92,8 @@ pub fn expose_frames(
         Sensor::Several(sensor) => Stage::Several(Box::new(several(args, sensor)?), sensor),
     };
     sink.set_camera(|| args.readout.figures(camera))?;
+    let begins = Begins::new(args, camera, exposure_s)?;
+    sink.set_rate(begins.rate().filter(|_| per_exposure(camera) == 1));
     let bar = arguments::frames_bar(args.count());
     let mut taken = 0;
     // Irradiance of this frame and of the previous one, unless it is that of the first.
@@ -118,15 +121,16 @@ pub fn expose_frames(
         let before = (i > 0).then_some(if same { &now[..] } else { &last[..] });
         let previous_s = previous.replace(settings.exposure_s);
         let light = Light { first, now: &now, before, previous_s };
+        let is = Named { number: i, time_s: begins.of(i), ..Named::default() };
         match &mut stage {
             Stage::One(stage, sensor) => {
                 let frame = one(args, stage, sensor, &light, &settings)?;
                 let info = info(args, subject, camera, (light.of(0).cube, &settings))?;
-                sink.write(&args.readout.readout().of(frame)?, &info)?;
+                sink.write_named(&is, &args.readout.readout().of(frame)?, &info)?;
             }
             Stage::Several(stage, sensor) => {
                 let sensor = (stage.as_mut(), *sensor);
-                several_frames(args, subject, sensor, (&light, &settings), sink)?;
+                several_frames(args, subject, sensor, (&light, &settings), (&is, sink))?;
             }
         }
         taken += 1;
@@ -134,6 +138,39 @@ pub fn expose_frames(
     }
     bar.finish_and_clear();
     Ok(taken)
+}
+
+/// When frames begin.
+struct Begins {
+    /// From each frame of the bracket to the next, s, where that is known.
+    periods_s: Option<Vec<f64>>,
+}
+
+impl Begins {
+    /// Refuses exposures longer than their frames.
+    fn new(args: &FrameArgs, camera: &Camera, exposure_s: f64) -> Result<Self> {
+        let period = frame_period(camera, args.fps)?;
+        let steps = args.bracket.len().max(1) as u32;
+        let of_step = |i| {
+            let exposure_s = args.settings(camera, exposure_s, i).exposure_s.into();
+            period.of(windows(camera, exposure_s).iter().map(Window::end_s).fold(0.0, f64::max))
+        };
+        Ok(Self { periods_s: (0..steps.min(args.count())).map(of_step).collect::<Result<_>>()? })
+    }
+
+    /// Frames/s, if all frames are equally long.
+    fn rate(&self) -> Option<f64> {
+        let periods_s = self.periods_s.as_ref()?;
+        periods_s.iter().all(|s| *s == periods_s[0]).then(|| 1.0 / periods_s[0])
+    }
+
+    /// When frame `i` begins, s after the first.
+    fn of(&self, i: u32) -> Option<f64> {
+        let periods_s = self.periods_s.as_ref()?;
+        let (rounds, step) = (i as usize / periods_s.len(), i as usize % periods_s.len());
+        let sum = |steps: &[f64]| steps.iter().sum::<f64>();
+        Some(rounds as f64 * sum(periods_s) + sum(&periods_s[..step]))
+    }
 }
 
 enum Stage<'a> {
@@ -259,7 +296,7 @@ fn several_frames(
     subject: &Subject<'_>,
     (stage, sensor): (&mut SensorStage, &HdrSensor),
     (light, settings): (&Light<'_>, &FrameSettings),
-    sink: &mut FrameSink,
+    (named, sink): (&Named<'_>, &mut FrameSink),
 ) -> Result<()> {
     let mut own = *settings;
     own.previous_exposure_s = light.previous_s;
@@ -269,7 +306,8 @@ fn several_frames(
     let mut merged = info(args, subject, subject.camera, (light.of(0).cube, settings))?;
     render::describe_merged(&mut merged, hdr, &subject.camera.sensor.cfa);
     let is = |bits| Named {
-        number: settings.frame.wrapping_sub(args.first_number()),
+        number: named.number,
+        time_s: named.time_s,
         name: None,
         embedded: vec![render::embedded_line(hdr, settings, bits)],
     };
@@ -284,7 +322,9 @@ fn several_frames(
     match sensor.on_curve(read) {
         Sent::Merged(frame) => sink.write_named(&is(frame.bits), &frame, &merged),
         Sent::Wide(frame) => sink.write_wide(&is(frame.bits), &frame, &merged),
-        Sent::Captures(frames) => captures(args, subject, hdr, &frames, (light, settings), sink),
+        Sent::Captures(frames) => {
+            captures(args, subject, hdr, &frames, (light, settings), (named, sink))
+        }
     }
 }
 
@@ -296,9 +336,9 @@ fn captures(
     hdr: &Hdr,
     frames: &[RawFrame],
     (light, settings): (&Light<'_>, &FrameSettings),
-    sink: &mut FrameSink,
+    (named, sink): (&Named<'_>, &mut FrameSink),
 ) -> Result<()> {
-    let number = settings.frame.wrapping_sub(args.first_number());
+    let windows = hdr.windows(settings.exposure_s.into());
     let planes: Vec<Plane<u16>> = frames.iter().map(RawFrame::plane).collect();
     let sent = planes.iter().zip(&hdr.captures).map(|(plane, capture)| csi2::Sent {
         plane,
@@ -313,7 +353,12 @@ fn captures(
         let plain = plain.ok_or_else(|| Error::internal("a capture without a camera"))?;
         let own = hdr.settings(capture, settings);
         let info = info(args, subject, &plain, (light.of(i).cube, &own))?;
-        let is = Named { number, name: Some(&capture.name), ..Named::default() };
+        let is = Named {
+            number: named.number,
+            time_s: named.time_s.map(|time_s| time_s + windows[i].start_s),
+            name: Some(&capture.name),
+            ..Named::default()
+        };
         match together {
             true => sink.note(&is, frame, &info)?,
             false => sink.write_named(&is, frame, &info)?,

@@ -2,7 +2,7 @@
 
 use super::arguments::choice;
 use camrig_base::{Error, Result};
-use camrig_camera::{Camera, FrameClock, RowWindows, SensorTiming};
+use camrig_camera::{Camera, FrameClock, FramePeriod, RowWindows, SensorTiming};
 use camrig_exposure::IrradianceCube;
 use camrig_light::{Lamp, Lamps};
 use camrig_render::lamp_rows;
@@ -82,6 +82,11 @@ fn timing_for(flag: &str, camera: &Camera) -> Result<SensorTiming> {
     })
 }
 
+/// How long the frames of a camera are, at this rate if it is given.
+pub fn frame_period(camera: &Camera, fps: Option<f64>) -> Result<FramePeriod> {
+    FramePeriod::new(camera.sensor.timing, camera.sensor.height, fps.map(|fps| 1.0 / fps))
+}
+
 impl LampArgs {
     /// The lamps, for a camera with timing.
     pub fn of(&self, camera: &Camera) -> Result<Lamps> {
@@ -135,8 +140,8 @@ impl Times {
     }
 
     /// Frame period of an exposure, s.
-    pub fn period_s(&self, exposure_s: f64) -> f64 {
-        self.period_s.unwrap_or_else(|| self.timing.period_s(exposure_s))
+    pub fn period_s(&self, exposure_s: f64) -> Result<f64> {
+        Ok(self.clock.period().of(exposure_s)?.unwrap_or_default())
     }
 
     /// Irradiance of rows in the light of the lamps, with `parts` for the lamps of regions; `None`
@@ -151,11 +156,11 @@ impl Times {
     }
 
     /// Figures for `--json`, of frames with that exposure.
-    pub fn figures(&self, exposure_s: f64) -> Value {
-        json!({
+    pub fn figures(&self, exposure_s: f64) -> Result<Value> {
+        Ok(json!({
             "line_time_us": self.timing.line_time_us,
-            "frame_period_s": self.period_s(exposure_s),
+            "frame_period_s": self.period_s(exposure_s)?,
             "between": self.between.name(),
-        })
+        }))
     }
 }

@@ -301,6 +301,8 @@ fn timing_changes_nothing_of_a_still_scene_and_is_needed_for_light_in_time() {
         ("--camera t.toml --motion 1,0 --rolling 0.5", "--rolling"),
         ("--camera t.toml --lamp mains:hz=100,depth=0.3 --fps 1000", "frames/s"),
         ("--camera t.toml --lamp mains:hz=100,depth=0.3 --fps 100 --exposure 20ms", "exposure"),
+        ("--camera t.toml --fps 20 --exposure 200ms", "200 ms is longer than a frame at 20 fr"),
+        ("--camera c.toml --fps 20 --bracket 0,3 --exposure 10ms", "80 ms is longer than a frame"),
         ("--camera t.toml --set sensor.timing.frame_length_lines=40", "40 lines"),
         ("--camera t.toml --set sensor.timing.shutter=slow", "rolling"),
     ] {
@@ -310,6 +312,31 @@ fn timing_changes_nothing_of_a_still_scene_and_is_needed_for_light_in_time() {
         assert_eq!(run.status.code(), Some(2), "{arguments}: {said}");
         assert!(said.contains(words), "{arguments}: {said}");
         assert!(!dir.join("x").exists(), "{arguments}");
+    }
+}
+
+/// Stamps of a still scene's frames: by the rate, or by the lines of the timing, of which an
+/// exposure may take more.
+#[test]
+fn stamps_are_those_of_the_frames_clock() {
+    let dir = folder();
+    let dir = dir.path();
+    for (arguments, stamps_ms) in [
+        ("--camera c.toml --fps 20", [50, 100]),
+        ("--camera t.toml --fps 20", [50, 100]),
+        ("--camera t.toml", [13, 26]),
+        // 200 lines of exposure, then 130 lines of frame.
+        ("--camera t.toml --bracket 1,0,0", [20, 33]),
+    ] {
+        let run = format!("simulate --scene ramp --exposure 10ms --frames 3 {arguments}");
+        camrig_ok(dir, &format!("{run} -o x.mcap --force"));
+        let bytes = std::fs::read(dir.join("x.mcap")).unwrap();
+        for ms in stamps_ms {
+            let stamp = u64::to_le_bytes(ms * 1_000_000);
+            assert!(bytes.windows(8).any(|w| w == stamp), "{arguments}: {ms} ms");
+        }
+        let second = u64::to_le_bytes(1_000_000_000);
+        assert!(!bytes.windows(8).any(|w| w == second), "{arguments}");
     }
 }
 

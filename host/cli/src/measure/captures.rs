@@ -109,7 +109,8 @@ pub fn emva_of(args: &WithPage) -> Result<ExitCode> {
         eprintln!("warning: {warning}");
     }
     for channel in &result.channels {
-        print_figures(&format!("channel {}", channel.channel), &channel.figures)?;
+        let name = format!("channel {}", channel.channel);
+        print_limited(&name, &channel.figures, channel.lower_limits())?;
         // Of a ladder, the page has the plot.
         for level in channel.levels.iter().filter(|_| channel.levels.len() < LADDER) {
             let snr = level.snr_db.map_or("not determined".into(), plus_minus);
@@ -179,9 +180,22 @@ fn largest_normal(n: usize) -> f64 {
 }
 
 fn print_figures(title: &str, figures: &impl serde::Serialize) -> Result<()> {
+    print_limited(title, figures, &[])
+}
+
+/// Prints figures, some of which are lower limits.
+fn print_limited(
+    title: &str,
+    figures: &impl serde::Serialize,
+    lower_limits: &[&str],
+) -> Result<()> {
     println!("{title}");
     for (name, value) in object(figures)?.into_iter().filter(|f| !f.1.is_number()) {
+        let is_limit = lower_limits.contains(&&name[..]);
         match (value["value"].as_f64(), value["std_error"].as_f64()) {
+            (Some(v), _) if is_limit => {
+                println!("  {name:36} >= {}", plus_minus(Value::chosen(v)));
+            }
             (Some(v), Some(e)) => println!("  {name:36} {}", plus_minus(Value::new(v, e))),
             (Some(v), None) => println!("  {name:36} {}", plus_minus(Value::chosen(v))),
             _ => println!("  {name:36} not determined by these captures"),

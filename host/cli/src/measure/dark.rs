@@ -7,6 +7,7 @@ use camrig_base::{Cfa, Error, Result};
 use camrig_captures::CaptureSet;
 use camrig_measure::dark_stack::{self, DarkStack};
 use clap::Args as ClapArgs;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -31,6 +32,9 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
     if let [folder] = &args.frames[..]
         && folder.join("captures.toml").is_file()
     {
+        if let Some(darks) = CaptureSet::darks_of_draft(folder)? {
+            return of_draft(&darks, args);
+        }
         let set = opened(folder)?;
         return of_set(&set, args.dn_per_e, args.json);
     }
@@ -49,6 +53,34 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
         println!("{}", serde_json::Value::Object(found.json(args.dn_per_e)?));
     } else {
         print(&found, args.dn_per_e);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Measures the dark stacks of a manifest that is not filled in yet, by their files alone.
+fn of_draft(darks: &[(String, Vec<PathBuf>)], args: &DarkArgs) -> Result<ExitCode> {
+    eprintln!("note: captures.toml is not filled in yet: the files alone say how they were taken");
+    if darks.is_empty() {
+        return Err(Error::input("no dark captures")
+            .help("a capture of role = \"dark\" is a stack without light"));
+    }
+    let cfa = args.cfa.as_deref().map(Cfa::parse).transpose()?;
+    let mut objects = Vec::new();
+    for (id, files) in darks {
+        let found = dark_stack::of_files(files, cfa.clone()).map_err(|e| e.at(id))?;
+        if args.json {
+            let mut object = found.json(args.dn_per_e)?;
+            object.insert("id".into(), id.clone().into());
+            objects.push(object);
+        } else {
+            print!("{id}: ");
+            print(&found, args.dn_per_e);
+        }
+    }
+    if let Some(first) = objects.first().cloned() {
+        let mut top = first;
+        top.insert("darks".into(), json!(objects));
+        println!("{}", serde_json::Value::Object(top));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -15,13 +15,14 @@ use super::scene_lights::SceneLights;
 use super::times::{self, TimeArgs};
 use super::view_args::{self, SequenceArgs};
 use crate::stop::Stoppable;
-use camrig_base::{Error, ErrorCode, Result};
+use camrig_base::{ErrorCode, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::script::{Script, Write, exposure_cut, settings_held};
 use camrig_rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
+use camrig_sensor_core::config::FrameSettings;
 use light::Light;
 use output::Output;
 use pace::Pace;
@@ -207,22 +208,6 @@ fn program_timing(rig: &mut Rig, args: &Args, camera: &Camera) -> Result<()> {
     Ok(())
 }
 
-/// Refuses an exposure longer than a frame at the rate asked for; f32 on the link rounds it.
-fn check_exposure(args: &Args, exposure_s: f64) -> Result<()> {
-    let Some(fps) = args.fps.filter(|fps| exposure_s * fps > 1.0 + 1e-6) else { return Ok(()) };
-    Err(Error::disagreement(format!(
-        "an exposure of {} ms is longer than a frame at {fps} frames/s, {} ms",
-        rounded(1e3 * exposure_s),
-        rounded(1e3 / fps)
-    ))
-    .help("expose for less, or lower --fps"))
-}
-
-/// A number with as many digits as a person reads.
-fn rounded(value: f64) -> f64 {
-    (1e4 * value).round() / 1e4
-}
-
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut output = Output::open(args)?;
@@ -240,7 +225,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     if args.by_registers || script.is_some() {
         program_timing(&mut rig, args, &camera)?;
     }
-    check_exposure(args, args.exposure.unwrap_or(0.0))?;
+    times::frame_period(&camera, args.fps)?.of(args.exposure.unwrap_or(0.0))?;
     if let Some(output) = &mut output {
         output.prepare(args, &camera, &sensors[0])?;
     }
@@ -334,6 +319,7 @@ impl Stream<'_> {
     ) -> Result<()> {
         let args = self.args;
         let by_registers = args.by_registers || script.is_some();
+        let period = times::frame_period(self.camera, args.fps)?;
         let injection = args.faults.open(&self.sensors[0], args.force)?;
         let mut frames =
             RigFrames::new(self.cubes, self.sensors, scene, args.collapse).with_faults(injection);
@@ -351,7 +337,9 @@ impl Stream<'_> {
                 break;
             }
             taken.pace.begin();
-            let frame = frames.take(rig, i, self.request(i, by_registers))?;
+            let request = self.request(i, by_registers);
+            let asked = (!by_registers).then_some(request.settings);
+            let frame = frames.take(rig, i, request)?;
             let time = taken.pace.end();
             if let Some(restored) = &frame.restored {
                 eprintln!(
@@ -364,8 +352,13 @@ impl Stream<'_> {
                 let standby = by_registers && rig.read_register(address::MODE_SELECT)? == 0;
                 taken.outcome.standby += u64::from(standby);
             }
-            check_exposure(args, frame.start.exposure.exposure_s.into())?;
+            period.of(frame.start.exposure.exposure_s.into())?;
             taken.outcome.exposure_missed += u64::from(frames.missed(&frame));
+            let used = frame.start.exposure;
+            let differs = |asked: FrameSettings| {
+                [asked.exposure_s, asked.analog_gain] != [used.exposure_s, used.analog_gain]
+            };
+            taken.outcome.settings_missed += u64::from(asked.is_some_and(differs));
             if args.json {
                 taken.outcome.records.push(Record::new(&frame, time));
             }

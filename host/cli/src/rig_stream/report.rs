@@ -74,6 +74,8 @@ pub struct Outcome {
     pub standby: u64,
     /// Frames whose light was computed for another exposure than the rig's.
     pub exposure_missed: u64,
+    /// Frames of another exposure or gain than was asked for.
+    pub settings_missed: u64,
     /// Every frame, for `--json`.
     pub records: Vec<Record>,
     /// Frames of a scene that is a sequence, counted.
@@ -108,6 +110,7 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
                 "frames_in_standby": outcome.standby,
                 "scene_frames": outcome.scene_frames,
                 "exposure_missed": outcome.exposure_missed,
+                "settings_missed": outcome.settings_missed,
                 "seconds": seconds,
                 "frames_per_s": fps,
                 "rate_hz": fps,
@@ -155,6 +158,12 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
             "{} frames had another exposure than their light was computed for: another host \
              writes the rig's registers",
             outcome.exposure_missed
+        ));
+    }
+    if outcome.settings_missed > 0 {
+        lines.push(format!(
+            "{} of another exposure or gain than was asked for",
+            counted(outcome.settings_missed as usize, "frame")
         ));
     }
     let text = lines.join("\n");

@@ -64,7 +64,7 @@ pub use gains::{AtGain, Gains};
 pub use kept_noise::KeptNoise;
 pub use optical::OpticalEffect;
 pub use sensor::{Noise, SensorModel};
-pub use timing::{FrameClock, RowWindows, SensorTiming, Shutter, Window};
+pub use timing::{FrameClock, FramePeriod, RowWindows, SensorTiming, Shutter, Window};
 pub use value::{Change, Value};
 
 use camrig_base::table::text_of;

@@ -51,6 +51,16 @@ impl SensorTiming {
         let exposed = (exposure_s / line_s - ROUNDING).ceil();
         exposed.max(f64::from(self.frame_length_lines)) * line_s
     }
+
+    /// Time in which so many rows are read, s.
+    fn read_s(&self, rows: u32) -> f64 {
+        f64::from(rows) * 1e-6 * self.line_time_us
+    }
+}
+
+/// A number with as many digits as a person reads.
+fn rounded(value: f64) -> f64 {
+    (1e4 * value).round() / 1e4
 }
 
 /// When a row collects light, after the beginning of its frame.
@@ -129,13 +139,63 @@ impl RowWindows {
     }
 }
 
+/// How long the frames of a sensor are: what was asked for, else as short as its timing allows.
+#[derive(Clone, Copy, Debug)]
+pub struct FramePeriod {
+    timing: Option<SensorTiming>,
+    /// Time in which all rows are read, s; 0 where it is not known.
+    read_s: f64,
+    asked_s: Option<f64>,
+}
+
+impl FramePeriod {
+    /// Frames of `rows` rows, of a sensor whose timing may be unknown; one in `asked_s` seconds, if
+    /// that is given.
+    ///
+    /// # Errors
+    /// Fewer lines than rows, or a period that is too short for them.
+    pub fn new(timing: Option<SensorTiming>, rows: u32, asked_s: Option<f64>) -> Result<Self> {
+        if let Some(lines) = timing.map(|t| t.frame_length_lines).filter(|lines| *lines < rows) {
+            return Err(Error::disagreement(format!("{lines} lines for a frame of {rows} rows"))
+                .help("a frame length is the rows and those without pixels"));
+        }
+        let read_s = timing.map_or(0.0, |timing| timing.read_s(rows));
+        if let Some(asked_s) = asked_s.filter(|asked_s| *asked_s < read_s * (1.0 - 1e-9)) {
+            let [rate, read_ms] = [1.0 / asked_s, 1e3 * read_s].map(rounded);
+            let what = format!("{rate} frames/s of {rows} rows in {read_ms} ms");
+            return Err(Error::limit(what).help("lower the frame rate or the line time"));
+        }
+        Ok(Self { timing, read_s, asked_s })
+    }
+
+    /// From the begin of a frame of this exposure to that of the next, s; `None` where neither a
+    /// period was asked for nor the timing is known.
+    ///
+    /// # Errors
+    /// An exposure longer than the period that was asked for.
+    pub fn of(&self, exposure_s: f64) -> Result<Option<f64>> {
+        /// An exposure is stored in 32 bits.
+        const ROUNDING: f64 = 1e-6;
+        if let Some(asked_s) = self.asked_s.filter(|s| exposure_s > s * (1.0 + ROUNDING)) {
+            let [exposure, rate, period] =
+                [1e3 * exposure_s, 1.0 / asked_s, 1e3 * asked_s].map(rounded);
+            return Err(Error::limit(format!(
+                "an exposure of {exposure} ms is longer than a frame at {rate} frames/s, \
+                 {period} ms"
+            ))
+            .help("shorten the exposure or lower the frame rate"));
+        }
+        let fastest = || self.timing.map(|timing| timing.period_s(exposure_s));
+        Ok(self.asked_s.or_else(fastest).map(|period_s| period_s.max(self.read_s)))
+    }
+}
+
 /// The windows of frame after frame.
 #[derive(Clone, Debug)]
 pub struct FrameClock {
     timing: SensorTiming,
     rows: u32,
-    /// Frame period that was asked for, s.
-    period_s: Option<f64>,
+    period: FramePeriod,
     /// When the first row of the frame before was read, s.
     last_close_s: Option<f64>,
 }
@@ -144,25 +204,16 @@ impl FrameClock {
     /// Frames of `rows` rows, as fast as `timing` allows or one in `period_s` seconds.
     ///
     /// # Errors
-    /// Fewer lines than rows, or a period that is too short for them.
+    /// Those of [`FramePeriod::new`].
     pub fn new(timing: SensorTiming, rows: u32, period_s: Option<f64>) -> Result<Self> {
-        if timing.frame_length_lines < rows {
-            let lines = timing.frame_length_lines;
-            return Err(Error::disagreement(format!("{lines} lines for a frame of {rows} rows"))
-                .help("a frame length is the rows and those without pixels"));
-        }
-        let clock = Self { timing, rows, period_s, last_close_s: None };
-        let read_s = clock.read_s();
-        if let Some(period_s) = period_s.filter(|period| *period < read_s * (1.0 - 1e-9)) {
-            let what = format!("{} frames/s of {rows} rows in {read_s:.6} s", 1.0 / period_s);
-            return Err(Error::limit(what).help("lower the frame rate or the line time"));
-        }
-        Ok(clock)
+        let period = FramePeriod::new(Some(timing), rows, period_s)?;
+        Ok(Self { timing, rows, period, last_close_s: None })
     }
 
-    /// Time in which all rows are read, s.
-    fn read_s(&self) -> f64 {
-        f64::from(self.rows) * 1e-6 * self.timing.line_time_us
+    /// How long frames are.
+    #[must_use]
+    pub fn period(&self) -> FramePeriod {
+        self.period
     }
 
     /// The windows of the next frame, for its exposure.
@@ -170,13 +221,8 @@ impl FrameClock {
     /// # Errors
     /// An exposure longer than the frame period that was asked for.
     pub fn next(&mut self, exposure_s: f64) -> Result<RowWindows> {
-        let period_s = self.period_s.unwrap_or_else(|| self.timing.period_s(exposure_s));
-        if exposure_s > period_s * (1.0 + 1e-6) {
-            let what = format!("an exposure of {exposure_s} s in frames of {period_s} s");
-            return Err(Error::limit(what).help("shorten the exposure or lower the frame rate"));
-        }
+        let period_s = self.period.of(exposure_s)?.unwrap_or_default();
         // Frame 0 opens at 0. A row opens when the frame before has been read from it, or later.
-        let period_s = period_s.max(self.read_s());
         let first_close_s = self.last_close_s.map_or(exposure_s, |last| last + period_s);
         self.last_close_s = Some(first_close_s);
         let rolling = self.timing.shutter == Shutter::Rolling;
@@ -191,7 +237,9 @@ impl FrameClock {
 
     /// Another timing from the next frame on, as registers change it.
     pub fn set(&mut self, timing: SensorTiming) {
-        (self.timing, self.period_s) = (timing, None);
+        let read_s = timing.read_s(self.rows);
+        self.period = FramePeriod { timing: Some(timing), read_s, asked_s: None };
+        self.timing = timing;
     }
 }
 
@@ -289,5 +337,12 @@ mod tests {
         let mut fast = FrameClock::new(timing, 100, Some(0.001)).unwrap();
         assert!(fast.next(0.001).is_ok());
         assert!(fast.next(0.0011).unwrap_err().to_string().contains("exposure"));
+        // Also of a sensor whose timing is not known, and as it was stated: 0.2 s in 32 bits is
+        // 0.20000000298 s.
+        let period = FramePeriod::new(None, 100, Some(0.05)).unwrap();
+        assert_eq!(period.of(0.05).unwrap(), Some(0.05));
+        let error = period.of(f64::from(0.2f32)).unwrap_err().to_string();
+        assert!(error.contains("200 ms is longer than a frame at 20 frames/s, 50 ms"), "{error}");
+        assert_eq!(FramePeriod::new(None, 100, None).unwrap().of(9.0).unwrap(), None);
     }
 }

@@ -83,7 +83,7 @@ fn unity() -> f64 {
 }
 
 /// Files in a manifest: one name, or a list.
-mod one_or_several {
+pub(crate) mod one_or_several {
     use super::{Alternatives, Deserialize, Deserializer, PathBuf, Serialize, Serializer};
 
     pub fn serialize<S: Serializer>(files: &[PathBuf], to: S) -> Result<S::Ok, S::Error> {

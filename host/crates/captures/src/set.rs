@@ -64,6 +64,17 @@ impl CaptureSet {
         manifest::parse(&text, &file)
     }
 
+    /// The dark stacks of a manifest with values that are not filled in yet: their ids and files.
+    /// `None` of a manifest that has all values.
+    ///
+    /// # Errors
+    /// Those of [`Self::load`] about ids, roles and files.
+    pub fn darks_of_draft(path: &Path) -> Result<Option<Vec<(String, Vec<PathBuf>)>>> {
+        let file = path.join("captures.toml");
+        let text = std::fs::read_to_string(&file).map_err(|e| Error::io("read", &file, e))?;
+        manifest::darks_of_draft(&text, path).map_err(|e| e.at(file.display()))
+    }
+
     /// Its name: that of its directory.
     #[must_use]
     pub fn name(&self) -> String {

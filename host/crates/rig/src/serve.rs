@@ -7,6 +7,7 @@ use super::platform::PseudoTerminal;
 use camrig_base::{Error, Result};
 pub use camrig_firmware_sim::ServeError;
 use camrig_rig_link::framing::Framing;
+use camrig_rig_link::wire::tells_no_session;
 use std::fs::File;
 use std::io;
 use std::net::{Shutdown, TcpListener, TcpStream, ToSocketAddrs};
@@ -123,8 +124,14 @@ impl<T: io::Read> embedded_io::Read for Link<T> {
 
 impl<T: io::Write> embedded_io::Write for Link<T> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // The device answers valid packets alone: bytes of other kinds are no sign of a host.
-        if let Some(guest) = &self.guest {
+        // The device answers valid packets alone, and those of a peer that never said Hello by a
+        // refusal: other bytes and such packets are no sign of a host.
+        let refuses = |bytes: &[u8]| {
+            let Some((length, rest)) = bytes.split_first_chunk() else { return false };
+            let packet = rest.get(..u32::from_le_bytes(*length) as usize);
+            packet.is_some_and(tells_no_session)
+        };
+        if let Some(guest) = self.guest.as_ref().filter(|_| !refuses(bytes)) {
             guest.hear();
         }
         self.stream.write(bytes)
@@ -347,8 +354,19 @@ mod tests {
         assert!(first.keep_alive().is_err(), "it was given up");
     }
 
+    /// Neither bytes without a valid packet nor packets without a Hello are signs of a host.
     #[test]
-    fn bytes_without_a_valid_packet_are_no_sign_of_a_host() {
+    fn a_peer_that_never_said_hello_is_given_up() {
+        use camrig_rig_link::wire::{Header, Kind, seal};
+        let mut sealed = [0; 20];
+        let header = Header { kind: Kind::Control, flags: 0, session: 7, seq: 1, ack: 0 };
+        seal(&mut sealed, header, 8);
+        for packet in [[b'x'; 20], sealed] {
+            is_given_up(&packet);
+        }
+    }
+
+    fn is_given_up(packet: &[u8; 20]) {
         const PATIENCE: Duration = Duration::from_millis(600);
         let (sender, receiver) = mpsc::channel();
         std::thread::spawn(move || {
@@ -359,7 +377,7 @@ mod tests {
         let address = receiver.recv().unwrap();
         let mut noise = TcpStream::connect(&address).unwrap();
         for _ in 0..10 {
-            let packet = [&20_u32.to_le_bytes()[..], &[b'x'; 20]].concat();
+            let packet = [&20_u32.to_le_bytes()[..], packet].concat();
             io::Write::write_all(&mut noise, &packet).unwrap();
             std::thread::sleep(PATIENCE / 5);
         }

@@ -4,6 +4,7 @@ mod check;
 mod paths;
 mod write;
 
+use super::capture::one_or_several;
 use super::{Capture, CaptureSet, Held};
 use camrig_base::{Error, Result, mistakes, toml_text};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema, schema_for};
@@ -111,6 +112,33 @@ fn read(text: &str) -> std::result::Result<File, Vec<Error>> {
     let reported: Vec<_> = placeholders.iter().map(|e| line(e.place())).collect();
     let others = mistakes.into_iter().filter(|e| !reported.contains(&line(e.place())));
     Err(placeholders.into_iter().chain(others.collect::<Vec<_>>()).collect())
+}
+
+/// The dark stacks of a manifest with placeholders: ids and files.
+pub fn darks_of_draft(text: &str, root: &Path) -> Result<Option<Vec<(String, Vec<PathBuf>)>>> {
+    #[derive(Deserialize)]
+    struct Draft {
+        #[serde(default)]
+        capture: Vec<Stack>,
+    }
+    #[derive(Deserialize)]
+    struct Stack {
+        id: String,
+        role: String,
+        #[serde(deserialize_with = "one_or_several::deserialize")]
+        files: Vec<PathBuf>,
+    }
+    let mut placeholders = Vec::new();
+    if let Ok(table) = DeTable::parse(text) {
+        find_placeholders(table.get_ref(), text, "", &mut placeholders);
+    }
+    if placeholders.is_empty() {
+        return Ok(None);
+    }
+    let draft: Draft = toml::from_str(text).map_err(|e| Error::input(e.message()))?;
+    let darks = draft.capture.into_iter().filter(|stack| stack.role == "dark");
+    let expanded = |stack: Stack| Ok((stack.id, paths::expand_all(root, &stack.files)?));
+    darks.map(expanded).collect::<Result<_>>().map(Some)
 }
 
 /// Finds [`UNKNOWN`] values, each with its line, key and capture.

@@ -104,6 +104,26 @@ pub struct ChannelEmva {
     pub profiles: Option<[Profiles; 2]>,
 }
 
+impl ChannelEmva {
+    /// The figures that are lower limits, as the light did not reach saturation.
+    #[must_use]
+    pub fn lower_limits(&self) -> &'static [&'static str] {
+        match self.figures.saturation_capacity_e.filter(|_| !self.saturates) {
+            None => &[],
+            Some(_) => &[
+                "saturation_capacity_p",
+                "saturation_capacity_e",
+                "snr_max",
+                "snr_max_db",
+                "snr_max_bit",
+                "dynamic_range",
+                "dynamic_range_db",
+                "dynamic_range_bit",
+            ],
+        }
+    }
+}
+
 /// One light level.
 #[derive(Clone, Debug, Serialize)]
 pub struct LevelRow {

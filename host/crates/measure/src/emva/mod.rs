@@ -25,6 +25,7 @@ pub use conditions::Conditions;
 pub use figures::{ChannelEmva, DarkRow, Figures, LevelRow};
 pub use profiles::{Profile, Profiles};
 
+pub(crate) use self::spatial::prnu_of_levels;
 use self::spatial::{SpatialPair, spatial_figures};
 use self::warnings::{correlation_warning, curvature_warnings, set_warnings};
 use super::codes::Codes;
@@ -65,20 +66,23 @@ const DARK_EXPOSURES: usize = 3;
 /// Smallest detectable signal, e⁻, for a temporal dark variance (DN²) and the gain `k` (DN/e⁻):
 /// SNR = 1 solved for the signal (release 4.0, eq. 27; earlier releases omitted the ¼). The
 /// variance is not below what rounding to steps with the square `step_dn2` (DN²) can hide (eq. 53
-/// and 54).
+/// and 54); the threshold is an upper limit then, without an error.
 #[must_use]
 pub fn threshold_e(dark_dn2: Value, step_dn2: f64, k: Value) -> Value {
     let Threshold { value, of_dark, of_gain } = Threshold::of(dark_dn2, step_dn2, k.value);
+    let Some(of_dark) = of_dark else { return Value::chosen(value) };
     let relative = libm::hypot(of_dark * dark_dn2.std_error, of_gain * k.std_error / k.value);
     Value::new(value, value * relative)
 }
 
 /// Dynamic range: a largest signal (DN) over the smallest detectable one of [`threshold_e`]. The
-/// gain's error nearly cancels.
+/// gain's error nearly cancels. Where rounding hides the dark noise, the range is a lower limit,
+/// without an error.
 #[must_use]
 pub fn dynamic_range(largest_dn: Value, dark_dn2: Value, step_dn2: f64, k: Value) -> Value {
     let Threshold { value, of_dark, of_gain } = Threshold::of(dark_dn2, step_dn2, k.value);
     let range = largest_dn.value / k.value / value;
+    let Some(of_dark) = of_dark else { return Value::chosen(range) };
     let of_signal = largest_dn.std_error / largest_dn.value;
     let of_gain = (1.0 + of_gain) * k.std_error / k.value;
     let relative = libm::hypot(libm::hypot(of_signal, of_dark * dark_dn2.std_error), of_gain);
@@ -98,11 +102,11 @@ fn bits(ratio: Value) -> Value {
     Value::new(libm::log2(ratio.value), error)
 }
 
-/// The smallest detectable signal, e⁻, and its relative change by one DN² of the dark variance and
-/// by a relative change of the gain.
+/// The smallest detectable signal, e⁻, and its relative change by one DN² of the dark variance
+/// (`None` where rounding hides it) and by a relative change of the gain.
 struct Threshold {
     value: f64,
-    of_dark: f64,
+    of_dark: Option<f64>,
     of_gain: f64,
 }
 
@@ -113,7 +117,7 @@ impl Threshold {
         let root = (variance_e2 + 0.25).sqrt();
         let value = root + 0.5;
         let shown = dark_dn2.value > limit;
-        let of_dark = if shown { 0.5 / (k * k) / root / value } else { 0.0 };
+        let of_dark = shown.then_some(0.5 / (k * k) / root / value);
         Self { value, of_dark, of_gain: -variance_e2 / root / value }
     }
 }
@@ -141,7 +145,13 @@ impl Checked {
         let most = most.ok_or_else(|| Error::input("no channels"))?;
         let mut object = figure::object(&most.figures)?;
         object.insert("reference_channel".into(), json!(most.channel));
-        let channels = self.channels.iter().map(|c| Ok((c.channel.clone(), figure::object(c)?)));
+        object.insert("lower_limits".into(), json!(most.lower_limits()));
+        let of_channel = |c: &ChannelEmva| {
+            let mut object = figure::object(c)?;
+            object.insert("lower_limits".into(), json!(c.lower_limits()));
+            Ok((c.channel.clone(), object))
+        };
+        let channels = self.channels.iter().map(of_channel);
         object.insert("channels".into(), json!(channels.collect::<Result<BTreeMap<_, _>>>()?));
         object.insert("warnings".into(), json!(self.warnings));
         Ok(object)
@@ -171,7 +181,8 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
         }
     }
     ladder::check_flats(&darks, flats.iter().map(|f| &f.1))?;
-    let pair = SpatialPair::choose(&darks, &flats);
+    let all: Vec<&Level> = flats.iter().map(|(_, flat)| flat).collect();
+    let pair = SpatialPair::choose(&darks, &all);
     let in_ladder = |id: &str| match &pair {
         Some(p) if flats.len() > FEW_LEVELS => id != p.flat_id,
         _ => true,
@@ -181,13 +192,13 @@ pub fn measure(set: &CaptureSet) -> Result<Checked> {
     let stacks = match &pair {
         Some(p) => Some((
             dark_stacks.take(set, selection.darks[p.dark])?,
-            flat_stacks.take(set, selection.flats[p.flat])?,
+            flat_stacks.take(set, selection.flats[flats[p.flat].0])?,
         )),
         None => None,
     };
     let mut warnings = set_warnings(set, &selection, &darks, &levels, pair.as_ref());
     if let (Some(p), Some((_, flat))) = (&pair, &stacks) {
-        correlation_warning(set, selection.flats[p.flat], flat, &mut warnings)?;
+        correlation_warning(set, selection.flats[flats[p.flat].0], flat, &mut warnings)?;
     }
     let conditions = Conditions::of(set, &selection, &darks, &levels, pair.as_ref());
     let mut channels = Vec::new();

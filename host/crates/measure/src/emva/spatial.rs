@@ -19,7 +19,7 @@ const MIN_FRAMES: usize = 3;
 /// bright levels.
 const LESS_VARIANCE: f64 = 3.0;
 
-/// The stacks for the spatial figures, as indices into the selection.
+/// The stacks for the spatial figures, as indices into the darks and the levels.
 pub(super) struct SpatialPair {
     pub dark: usize,
     pub flat: usize,
@@ -35,13 +35,11 @@ impl SpatialPair {
     /// largest number of frames of those, the one nearest to half saturation of the channel that
     /// saturates first; and the dark of its exposure. `None` where all flats are past saturation
     /// in every channel.
-    pub fn choose(darks: &[Level], flats: &[(usize, Level)]) -> Option<Self> {
-        let levels: Vec<&Level> = flats.iter().map(|f| &f.1).collect();
+    pub fn choose(darks: &[Level], levels: &[&Level]) -> Option<Self> {
         let channels = darks[0].channels.len();
-        let saturations: Vec<usize> =
-            (0..channels).map(|c| saturation_index(&levels, c)).collect();
+        let saturations: Vec<usize> = (0..channels).map(|c| saturation_index(levels, c)).collect();
         let past = |i: usize| -> Vec<bool> {
-            (0..channels).map(|c| is_past(&levels, i, c, saturations[c])).collect()
+            (0..channels).map(|c| is_past(levels, i, c, saturations[c])).collect()
         };
         let long: Vec<(usize, Vec<bool>)> = (0..levels.len())
             .filter(|&i| levels[i].channels[0].frames >= MIN_FRAMES)
@@ -66,13 +64,29 @@ impl SpatialPair {
         let (dark, same_exposure) = nearest_dark(darks, levels[*chosen].exposure_s)?;
         Some(Self {
             dark,
-            flat: flats[*chosen].0,
+            flat: *chosen,
             flat_id: levels[*chosen].id.clone(),
             frames: frames(*chosen),
             same_exposure,
             past: past.clone(),
         })
     }
+}
+
+/// Variance over pixels of a flat's means less that of a dark's, DN²: PRNU1288 is its root as a
+/// share of the signal.
+fn above_dark(flat: Value, dark: Value) -> Value {
+    Value::new(flat.value - dark.value, libm::hypot(flat.std_error, dark.std_error))
+}
+
+/// PRNU1288 of a channel of light levels, from the stacks that the standard's spatial figures come
+/// from; `None` where none is below saturation and long enough.
+pub(crate) fn prnu_of_levels(darks: &[Level], levels: &[Level], channel: usize) -> Option<Value> {
+    let pair = SpatialPair::choose(darks, &levels.iter().collect::<Vec<_>>())?;
+    let [flat, dark] = [&levels[pair.flat], &darks[pair.dark]].map(|l| &l.channels[channel]);
+    let variance = above_dark(flat.spatial().total, dark.spatial().total);
+    let of_signal = 1.0 / (flat.mean() - dark.mean());
+    variance.sqrt().filter(|_| !pair.past[channel]).map(|v| v.scaled(of_signal))
 }
 
 /// Whether a level is past saturation in a channel, given its saturated level: it has samples at
@@ -222,11 +236,9 @@ fn prnu_figures(
     let (ds, fs) = (d.spatial(), f.spatial());
     let signal = f.mean() - d.mean();
     let prnu = |v: Value| Some(v.sqrt()?.scaled(100.0 / signal));
-    let above =
-        |f: Value, d: Value| Value::new(f.value - d.value, libm::hypot(f.std_error, d.std_error));
-    let total = above(fs.total, ds.total);
+    let total = above_dark(fs.total, ds.total);
     let parts = [(fs.row, ds.row), (fs.column, ds.column), (fs.pixel, ds.pixel)];
-    let parts = parts_of(total.value, &parts.map(|(f, d)| above(f, d)));
+    let parts = parts_of(total.value, &parts.map(|(f, d)| above_dark(f, d)));
     let frames = flat.frames.min(dark.frames);
     warnings.extend(parts_warning("PRNU1288", &out.channel, frames, total.value, &parts));
     let figures = &mut out.figures;

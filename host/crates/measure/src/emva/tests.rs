@@ -70,9 +70,19 @@ fn one_level_gives_what_it_determines() {
             let stack = Stack::read(&set, &set.captures[i]).unwrap();
             stack.channel_moments(0)
         });
-        (measure(&set).unwrap(), dark, flat)
+        // The photon transfer has the same figure, as there is no slope over levels.
+        let result = measure(&set).unwrap();
+        let prnu = result.channels[0].figures.prnu_1288_percent.map(|v| v.value);
+        let transfer = crate::ptc::measure(&set).unwrap().channels[0].figures.prnu;
+        let transfer = transfer.map(|v| 100.0 * v.value);
+        assert!(
+            prnu == transfer || (prnu.unwrap() / transfer.unwrap() - 1.0).abs() < 1e-12,
+            "{prnu:?} {transfer:?}"
+        );
+        (result, dark, flat)
     };
     let (whole, dark, flat) = measured(16);
+    assert!(whole.channels[0].lower_limits().is_empty());
     let f = &whole.channels[0].figures;
     let k = (flat.temporal - dark.temporal) / (flat.mean() - dark.mean());
     near(f.overall_system_gain, k, 1e-12, "K");
@@ -102,6 +112,42 @@ fn one_level_gives_what_it_determines() {
     assert!((k.value - 0.25).abs() < 4.0 * k.std_error && k.std_error < 0.02, "{k:?}");
     assert_eq!((f.dsnu_1288_e, f.prnu_1288_percent), (None, None));
     assert!(pair.warnings.iter().any(|w| w.contains("no DSNU and PRNU")), "{:?}", pair.warnings);
+}
+
+#[test]
+fn levels_below_saturation_give_lower_limits() {
+    let sensor = Sensor::default();
+    let directory = tempfile::tempdir().unwrap();
+    let shot = |electrons: f64| Shot {
+        exposure_s: 0.01,
+        rate: electrons / sensor.qe[0] / 0.01,
+        frames: 4,
+        temperature_c: 25.0,
+        analog_gain: 1.0,
+    };
+    let full = sensor.full_well_e;
+    sensor.write(directory.path(), &[0.0, 0.1, 0.2, 0.3].map(|part| shot(part * full)));
+    let result = measure(&CaptureSet::load(directory.path()).unwrap()).unwrap().json().unwrap();
+    for object in [&serde_json::json!(result), &result["channels"]["m"]] {
+        let limits = object["lower_limits"].as_array().unwrap();
+        assert!(limits.contains(&"dynamic_range_db".into()), "{limits:?}");
+        assert!(
+            limits.iter().all(|name| object[name.as_str().unwrap()].is_object()
+                || name == "saturation_capacity_p")
+        );
+    }
+}
+
+/// Where rounding hides the dark noise, the threshold is an upper limit and has no error.
+#[test]
+fn hidden_noise_gives_no_error() {
+    let (k, largest) = (Value::new(0.25, 0.001), Value::new(4000.0, 0.01));
+    let of = |variance| {
+        let dark = Value::new(variance, 0.01);
+        [threshold_e(dark, 1.0, k), dynamic_range(largest, dark, 1.0, k)]
+    };
+    assert!(of(0.3).iter().all(|v| v.std_error > 0.0));
+    assert!(of(0.1).iter().all(|v| v.std_error.is_nan()));
 }
 
 /// Exposure times of one light that is not stated: linearity over them; of levels at one exposure,

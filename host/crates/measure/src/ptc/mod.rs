@@ -25,6 +25,7 @@ use self::notes::{channel_notes, sensor_notes};
 use super::codes::Codes;
 use super::copies;
 use super::dark::{self, DarkLine, MIN_EXPOSURES};
+use super::emva;
 use super::figure;
 use super::ladder::{self, Level, Selection};
 use super::maps::{Line, LineMaps, Point};
@@ -191,6 +192,10 @@ pub fn of_selection(set: &CaptureSet, selection: &Selection<'_>) -> Result<Ptc> 
         notes.extend(figures.quantum_efficiency.and_then(|v| remarks::efficiency(&name, v)));
         let k = transfer.gain.value;
         spatial_figures(&mut figures, k, &dark_maps, &flats.maps, c);
+        if flats.maps.spread(Line::Slope, c).is_none() {
+            // Levels too near to each other for a slope: the standard's figure of one of them.
+            figures.prnu = emva::prnu_of_levels(&darks, &flats.levels, c);
+        }
         let dsnu = dsnu_level.channels[c].spatial().total;
         figures.dsnu_e = dsnu.sqrt().map(|v| v.scaled(1.0 / k));
         leave_out_rounded_patterns(

@@ -103,8 +103,9 @@ pub(super) struct Setting {
 }
 
 impl Setting {
-    /// Mean of a figure. The standard error comes from the scatter of two pictures or more; a
-    /// single picture has its own, if any.
+    /// Mean of a figure. The standard error comes from the scatter of two pictures or more, which
+    /// may be small by chance: it is not below what the pictures' own errors give. A single picture
+    /// has its own, if any.
     pub fn mean(&self, figure: &Figure) -> Option<Measured> {
         let values = self.figures.get(figure.key).filter(|values| !values.is_empty())?;
         if let [one] = values[..] {
@@ -113,7 +114,9 @@ impl Setting {
         let n = values.len() as f64;
         let mean = values.iter().map(|v| v.value).sum::<f64>() / n;
         let square: f64 = values.iter().map(|v| (v.value - mean).powi(2)).sum();
-        Some(Measured { value: mean, std_error: Some((square / (n - 1.0) / n).sqrt()) })
+        let own: f64 = values.iter().filter_map(|v| v.std_error).map(|e| e * e).sum();
+        let std_error = (square / (n - 1.0) / n).sqrt().max(own.sqrt() / n);
+        Some(Measured { value: mean, std_error: Some(std_error) })
     }
 
     /// Text of a figure.
@@ -413,10 +416,14 @@ mod tests {
             "parameters": { "scene": "slanted-edge", "camera_keys": { "sensor.pitch_um": 2.0 } },
             "channels": { "r": edge(0.2, 0.03), "g": edge(0.4, 0.04) },
         });
-        let settings = Settings::new(&[record]);
+        let settings = Settings::new(&[record.clone()]);
         let mean = settings.all[0].mean(Figure::of(PER_MM).unwrap()).unwrap();
         assert!(
             (mean.value - 150.0).abs() < 1e-9 && (mean.std_error.unwrap() - 12.5).abs() < 1e-9
         );
+        // Two pictures that agree by chance do not know better than √2.
+        let settings = Settings::new(&[record.clone(), record]);
+        let mean = settings.all[0].mean(Figure::of(PER_MM).unwrap()).unwrap();
+        assert!((mean.std_error.unwrap() - 12.5 / 2f64.sqrt()).abs() < 1e-9, "{mean:?}");
     }
 }
