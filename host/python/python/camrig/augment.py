@@ -3,6 +3,8 @@
 Every frame is a pure function of its picture, its seed and the camera: the same in any batch, order
 or worker process.
 
+Examples
+--------
 >>> import camrig, numpy as np
 >>> camera = camrig.Camera("mt9v024")
 >>> clean = np.full((2, 8, 8, 3), 0.5, dtype=np.float32)
