@@ -4,7 +4,7 @@ use super::plus_minus;
 use crate::captures::opened;
 use camrig_base::output::OutputDir;
 use camrig_base::{Cfa, Error, Result};
-use camrig_captures::CaptureSet;
+use camrig_captures::{CaptureSet, DraftStack};
 use camrig_measure::dark_stack::{self, DarkStack};
 use clap::Args as ClapArgs;
 use serde_json::json;
@@ -58,7 +58,7 @@ pub fn dark_of(args: &DarkArgs) -> Result<ExitCode> {
 }
 
 /// Measures the dark stacks of a manifest that is not filled in yet, by their files alone.
-fn of_draft(darks: &[(String, Vec<PathBuf>)], args: &DarkArgs) -> Result<ExitCode> {
+fn of_draft(darks: &[DraftStack], args: &DarkArgs) -> Result<ExitCode> {
     eprintln!("note: captures.toml is not filled in yet: the files alone say how they were taken");
     if darks.is_empty() {
         return Err(Error::input("no dark captures")
@@ -66,7 +66,7 @@ fn of_draft(darks: &[(String, Vec<PathBuf>)], args: &DarkArgs) -> Result<ExitCod
     }
     let cfa = args.cfa.as_deref().map(Cfa::parse).transpose()?;
     let mut objects = Vec::new();
-    for (id, files) in darks {
+    for DraftStack { id, files } in darks {
         let found = dark_stack::of_files(files, cfa.clone()).map_err(|e| e.at(id))?;
         if args.json {
             let mut object = found.json(args.dn_per_e)?;

@@ -74,4 +74,5 @@ pub use camrig_formats as formats;
 pub use capture::{Capture, CapturedScene, Light, Role, Rotation, Scan, Split, Uniformity};
 pub use frames::{Batches, StoredFrame, open, open_with_facts};
 pub use held::Held;
+pub use manifest::DraftStack;
 pub use set::{CaptureSet, SensorFacts, Window};

@@ -1,5 +1,6 @@
 //! A capture set.
 
+use super::manifest::DraftStack;
 use super::{Capture, Held, Role, frames, manifest, open};
 use camrig_base::{Cfa, Error, ErrorCode, Plane, Result};
 use std::path::{Path, PathBuf};
@@ -64,12 +65,12 @@ impl CaptureSet {
         manifest::parse(&text, &file)
     }
 
-    /// The dark stacks of a manifest with values that are not filled in yet: their ids and files.
+    /// The dark stacks of a manifest with values that are not filled in yet.
     /// `None` of a manifest that has all values.
     ///
     /// # Errors
     /// Those of [`Self::load`] about ids, roles and files.
-    pub fn darks_of_draft(path: &Path) -> Result<Option<Vec<(String, Vec<PathBuf>)>>> {
+    pub fn darks_of_draft(path: &Path) -> Result<Option<Vec<DraftStack>>> {
         let file = path.join("captures.toml");
         let text = std::fs::read_to_string(&file).map_err(|e| Error::io("read", &file, e))?;
         manifest::darks_of_draft(&text, path).map_err(|e| e.at(file.display()))

@@ -108,7 +108,7 @@ pub(super) fn open(path: &Path, sidecar: &Sidecar) -> Result<Cube> {
         of.numbers.as_ref().map_or(!of.texts.is_empty(), |list| is_list(&list.len()))
     });
     let named = |(name, shape): &&(String, Vec<usize>)| {
-        word_of_wavelengths(name).is_some() && shape.iter().any(|n| is_list(n))
+        word_of_wavelengths(name).is_some() && shape.iter().any(is_list)
     };
     let of_arrays = arrays.list.iter().filter(|of| of.0 != name).filter(named);
     let mut others = of_attributes.map(|of| &of.name).chain(of_arrays.map(|(name, _)| name));

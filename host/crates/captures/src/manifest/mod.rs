@@ -114,8 +114,17 @@ fn read(text: &str) -> std::result::Result<File, Vec<Error>> {
     Err(placeholders.into_iter().chain(others.collect::<Vec<_>>()).collect())
 }
 
-/// The dark stacks of a manifest with placeholders: ids and files.
-pub fn darks_of_draft(text: &str, root: &Path) -> Result<Option<Vec<(String, Vec<PathBuf>)>>> {
+/// A stack of a manifest of which not all values are filled in yet.
+#[derive(Debug)]
+pub struct DraftStack {
+    /// Its name in the manifest.
+    pub id: String,
+    /// Its frames.
+    pub files: Vec<PathBuf>,
+}
+
+/// The dark stacks of a manifest with placeholders.
+pub fn darks_of_draft(text: &str, root: &Path) -> Result<Option<Vec<DraftStack>>> {
     #[derive(Deserialize)]
     struct Draft {
         #[serde(default)]
@@ -137,7 +146,10 @@ pub fn darks_of_draft(text: &str, root: &Path) -> Result<Option<Vec<(String, Vec
     }
     let draft: Draft = toml::from_str(text).map_err(|e| Error::input(e.message()))?;
     let darks = draft.capture.into_iter().filter(|stack| stack.role == "dark");
-    let expanded = |stack: Stack| Ok((stack.id, paths::expand_all(root, &stack.files)?));
+    let expanded = |stack: Stack| {
+        let files = paths::expand_all(root, &stack.files)?;
+        Ok(DraftStack { id: stack.id, files })
+    };
     darks.map(expanded).collect::<Result<_>>().map(Some)
 }
 

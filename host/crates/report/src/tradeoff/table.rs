@@ -416,7 +416,7 @@ mod tests {
             "parameters": { "scene": "slanted-edge", "camera_keys": { "sensor.pitch_um": 2.0 } },
             "channels": { "r": edge(0.2, 0.03), "g": edge(0.4, 0.04) },
         });
-        let settings = Settings::new(&[record.clone()]);
+        let settings = Settings::new(std::slice::from_ref(&record));
         let mean = settings.all[0].mean(Figure::of(PER_MM).unwrap()).unwrap();
         assert!(
             (mean.value - 150.0).abs() < 1e-9 && (mean.std_error.unwrap() - 12.5).abs() < 1e-9
