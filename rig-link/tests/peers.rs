@@ -54,8 +54,8 @@ fn a_hello_that_cannot_be_used_is_told_at_once() {
     };
     assert_eq!(without(1, 1, 1), Some(Event::UnusableHello));
     assert_eq!(without(0, 1, 1), Some(Event::UnusableHello));
-    let (oldest, newest) = (2, 3);
-    assert_eq!(without(0, 2, 3), Some(Event::NoCommonVersion { oldest, newest }));
+    let (oldest, newest) = (VERSIONS.1 + 1, VERSIONS.1 + 2);
+    assert_eq!(without(0, oldest, newest), Some(Event::NoCommonVersion { oldest, newest }));
     // A text that is not UTF-8, and one beyond its 40 bytes.
     assert_eq!(connects(&[1, 1, 1, 1, 1, 0xff]), Some(Event::UnusableHello));
     let long = [&[1, 1, 1, 1, 50][..], &[b'x'; 60]].concat();

@@ -9,10 +9,10 @@ effect! {
     /// list. What enters behind an amplifier, as the offsets and the noise of column converters do,
     /// is constant in DN: referred to the input it falls as the gain rises.
     ///
-    /// v' = min(v G^s, 524 287 e⁻), with G the analogue gain, where a gain table gives DN per electron
-    /// these over those at unity gain, and s its share; the converter's DN per electron is then that
-    /// of G^(1 − s). Electrons of the effects that follow are those at
-    /// unity gain; at another gain they are fewer by G^s, referred to the input. Where gain is
+    /// v' = min(v G^s, 524 287 e⁻), with G the analogue gain and s its share; the converter's DN per
+    /// electron is then that of G^(1 − s). With a gain table, G is its DN per electron over those at
+    /// unity gain. Electrons of the effects that follow are those at unity gain; at another gain
+    /// they are fewer by G^s, referred to the input. Where gain is
     /// applied in several places, or noise falls with a measured power of it, s is that power: Wei
     /// et al. 2021 (ELD) find 0.3 to 0.55 for read and row noise. Read noise and row offsets of
     /// `[sensor.noise]` stand before it, and a further gain stage adds its share to those before.
