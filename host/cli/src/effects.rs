@@ -53,8 +53,7 @@ pub(super) fn describe(effect: &EffectKind) {
     println!("\nacts on {}{number}", effect.acts);
     if let Some(test) = effect.test() {
         println!(
-            "checked against its closed form over its range, in f32 and fixed point: sensor-core, \
-             test {test}"
+            "checked against its closed form in f32 and fixed point: sensor-core, test {test}"
         );
     }
     println!("\n[[effect]]\nkind = {:?}", effect.kind);

@@ -272,13 +272,19 @@ pub fn finding(
                     format!("settling with a time constant of {tau:.2} frames")
                 }
             };
+            let cause = match shape {
+                CurveShape::Decay(_) if direction == "rose" => {
+                    "the lamp warms up, or the sensor holds charge from frame to frame \
+                     (`image-lag`), as a dark frame right after light shows"
+                }
+                _ => "the lamp drifts, which is not a property of the sensor",
+            };
             Finding::new(Kind::LampDrift, place, Done::Modelled)
                 .with_amount(percent(a), percent(se), "%")
                 .with_description(format!(
-                    "the light {direction} by {:.2} ± {:.2} % within each of the stacks, {how}: the \
-                     lamp drifts, which is not a property of the sensor. The model gets the same \
-                     drift; the frame at which the stated light was measured is unknown, which \
-                     limits the accuracy of the response",
+                    "the light {direction} by {:.2} ± {:.2} % within each of the stacks, {how}: \
+                     {cause}. The model gets the same drift; the frame at which the stated light \
+                     was measured is unknown, which limits the accuracy of the response",
                     percent(a.abs()),
                     percent(se),
                 ))
