@@ -153,8 +153,8 @@ fn instructions_per_pixel_stay_within_bounds() {
     for ((machine, name, arithmetic), row, count, [max_collect, max_compute]) in [
         (m4f, "rig-m4f-count.elf", one, [44, 2440]),
         (m3, "rig-m3-count.elf", one, [67, 3210]),
-        (m4f, "four-captures-m4f", four, [234, 9020]),
-        (m3, "four-captures-m3", four, [394, 12_400]),
+        (m4f, "four-captures-m4f", four, [342, 9020]),
+        (m3, "four-captures-m3", four, [502, 12_400]),
     ] {
         let Some(mut emulated) = Emulated::start(machine, name, &["-icount", "shift=10"]) else {
             return;
