@@ -103,8 +103,8 @@ fn solve(stacks: &[Codes<'_>], bits: &[usize]) -> Option<Vec<Value>> {
     Some((0..n).map(|i| Value { value: errors[i], std_error: scatter[(i, i)].sqrt() }).collect())
 }
 
-/// The bits with a significant error, DN, by their place in [`KEYS`]: the least significant one is left out until all are. Both
-/// lowest together have one only where none of each can stand for it.
+/// The bits with a significant error, DN, by their place in [`KEYS`]: the least significant one is
+/// left out until all are. Both lowest together have one only where none of each can stand for it.
 pub fn significant_errors(stacks: &[Codes<'_>]) -> Vec<(usize, Value)> {
     let seen = |b: &usize| stacks.iter().any(|s| s.smooth_over(*b));
     let mut bits: Vec<usize> = (0..=BOTH_LOWEST).filter(seen).collect();

@@ -15,8 +15,8 @@
 //!    of the conversion gain where there is one.
 //! 5. [`noise`]: black level, read noise and its law over the gains, dark current, hot pixels,
 //!    noise and patterns of rows, columns, pixels and frames, pixels that blink, the strongest wave
-//!    ([`waves`]), channels of columns ([`channels`]), wrong bits of the converter. What is over three errors and 3 % of the read noise
-//!    becomes an effect.
+//!    ([`waves`]), channels of columns ([`channels`]), wrong bits of the converter. What is over
+//!    three errors and 3 % of the read noise becomes an effect.
 //!
 //! Limits: one temperature, that of most stacks; the dark current's doubling only where darks of
 //! several temperatures tell it.
