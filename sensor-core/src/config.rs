@@ -394,37 +394,30 @@ impl SensorConfig {
     /// Charge at which the converter's range ends at unity gain, e⁻: W, or (2^bits − 1) over the DN
     /// per electron of a gain table.
     pub(crate) fn full_scale_e(&self) -> f32 {
-        self.table_dn_per_e(1.0).map_or(self.full_well_e, |k| f32::from(self.max_dn()) / k)
+        let (_, [_, dn_per_e, ..]) = self.by_table(1.0);
+        dn_per_e.map_or(self.full_well_e, |k| f32::from(self.max_dn()) / k)
     }
 
-    /// DN per electron at a gain, if a gain table says.
-    #[cfg_attr(not(feature = "gain-table"), allow(unused_variables, reason = "no table"))]
-    fn table_dn_per_e(&self, gain: f32) -> Option<f32> {
+    /// The analogue part of a gain, and the values there of the chain's (first)
+    /// [`gain-table`](crate::effects::gain_table), as far as it has one.
+    fn by_table(&self, gain: f32) -> (f32, [Option<f32>; AtGain::PLACE - 1]) {
         #[cfg(feature = "gain-table")]
         for effect in &self.effects {
             if let Effect::GainTable(e) = effect {
-                return e.values_at(&self.table, gain)[1];
+                let analog_gain = gain.min(e.digital_above);
+                return (analog_gain, e.values_at(&self.table, analog_gain));
             }
         }
-        None
+        (gain, [None; AtGain::PLACE - 1])
     }
 
     /// What the sensor is at a gain: its DN per electron is G (2^bits − 1) / W (eq. 11: the step of
     /// the converter is full well x conversion gain / (2^bits − 1) volts), unless the chain has a
     /// [`gain-table`](crate::effects::gain_table).
     pub fn at_gain(&self, gain: f32) -> AtGain {
-        #[cfg_attr(not(feature = "gain-table"), allow(unused_mut, reason = "no table"))]
-        let (mut analog_gain, mut values) = (gain, [None; AtGain::PLACE - 1]);
-        #[cfg(feature = "gain-table")]
-        for effect in &self.effects {
-            if let Effect::GainTable(e) = effect {
-                analog_gain = gain.min(e.digital_above);
-                values = e.values_at(&self.table, analog_gain);
-            }
-        }
-        let [read_e, dn_per_e, black_level_dn, well_e] = values;
+        let (analog_gain, [read_e, dn_per_e, black_level_dn, well_e]) = self.by_table(gain);
         let in_proportion = analog_gain * f32::from(self.max_dn()) / self.full_well_e;
-        let at_unity = self.table_dn_per_e(1.0);
+        let (_, [_, at_unity, ..]) = self.by_table(1.0);
         let relative = |dn_per_e: f32| at_unity.map(|at_unity| dn_per_e / at_unity);
         AtGain {
             analog_gain,

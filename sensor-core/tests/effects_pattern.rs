@@ -551,14 +551,14 @@ fn adc_nonlinearity<A: Arith>() {
 /// gets s²/12 more.
 fn requantised<A: Arith>() {
     let range = |code: u16| match code {
-        0..40 => (0, 1),
-        40..101 => (40, 2),
-        101..180 => (101, 5),
-        _ => (180, 16),
+        0..40 => (0.0, 1.0),
+        40..101 => (40.0, 2.0),
+        101..180 => (101.0, 2.5),
+        _ => (180.0, 16.0),
     };
     for rounding in [0.5, 0.0] {
         let none = 65536.0;
-        let values = [1.0, 40.0, 2.0, 101.0, 5.0, 180.0, 16.0, none, 1.0, rounding];
+        let values = [1.0, 40.0, 2.0, 101.0, 2.5, 180.0, 16.0, none, 1.0, rounding];
         let effect = requantised::Requantised::from_values(&values);
         let mut config = monochrome(256 * 32, 1, &[effect.into()]);
         (config.bits, config.full_well_e, config.black_level_dn) = (8, 255.0, 0.0);
@@ -567,13 +567,22 @@ fn requantised<A: Arith>() {
         for (x, &found) in dn.iter().enumerate() {
             let code = (x / 32) as u16;
             let (from, step) = range(code);
-            let up = if rounding > 0.0 { step / 2 } else { 0 };
-            let again = (from + (code - from + up) / step * step).min(255);
+            // The code at or above the edge between two multiples of the step, and that of it.
+            let multiple = ((f64::from(code) - from) / step + f64::from(rounding)).floor();
+            let again = from + (multiple * step - f64::from(rounding)).ceil();
+            let again = (again as u16).min(255);
             // The ramp's levels next to a change of code may round to either.
             if x % 32 > 0 && x % 32 < 31 {
                 assert_eq!(found, again, "{code}");
             }
         }
+        // 101, 103, 106, 108, 111 ...: rounded halves down, or 101, 104, 106, 109, 111 cut.
+        let steps = if rounding > 0.0 { [2, 3, 2, 3] } else { [3, 2, 3, 2] };
+        let mut used: Vec<u16> =
+            dn.iter().copied().filter(|dn| (101..=111).contains(dn)).collect();
+        used.dedup();
+        let found: Vec<u16> = used.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert_eq!(found, steps);
     }
     let step = 64.0f64;
     let effect = requantised::Requantised::from_values(&[step as f32]);

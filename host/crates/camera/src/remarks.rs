@@ -16,7 +16,7 @@ const ORDER: [(&str, &str, &str); 2] = [
 /// Warnings of the effects of a camera, in their order.
 pub(super) fn of(camera: &Camera) -> Vec<String> {
     let about = |effect: &Effect| {
-        let reason = reason(camera, effect).or_else(|| reason_by_place(camera, effect))?;
+        let reason = reason(camera, effect)?;
         Some(format!("the effect {} {reason}", effect.entry().kind))
     };
     let single = camera.effects.iter().filter_map(about);
@@ -52,9 +52,10 @@ fn beyond_the_gains(camera: &Camera) -> Option<String> {
     })
 }
 
+/// Why an effect does nothing here, or leaves the range in which its model holds.
 fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
     let sensor = &camera.sensor;
-    let full_well_e = sensor.full_well_e;
+    let (width, height) = (sensor.width, sensor.height);
     match effect {
         Effect::GreenImbalance(_) => {
             let cfa = &sensor.cfa;
@@ -67,24 +68,20 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
             })
         }
         Effect::ColourShading(e) => {
-            let channels = sensor.channel_names.len();
             let by_channel = [e.channel_0, e.channel_1, e.channel_2, e.channel_3];
-            let beyond = (channels..by_channel.len()).find(|&c| by_channel[c] != 0.0)?;
-            Some(beyond_the_channels(beyond, channels))
+            beyond_the_channels(camera, by_channel, 0.0)
         }
         Effect::FlickerBanding(e) => {
-            let channels = sensor.channel_names.len();
             let by_channel = [e.channel_0, e.channel_1, e.channel_2, e.channel_3];
-            if let Some(beyond) = (channels..by_channel.len()).find(|&c| by_channel[c] != 1.0) {
-                return Some(beyond_the_channels(beyond, channels));
-            }
-            let seen = by_channel.iter().take(channels).map(|a| a * e.depth);
-            let most = seen.fold(0.0, f32::max);
-            (most > 1.0).then(|| {
-                format!(
-                    "leaves the range of its model: a channel sees a depth of {most:.2}, and light \
-                     is cut at 0 where it is above 1"
-                )
+            beyond_the_channels(camera, by_channel, 1.0).or_else(|| {
+                let channels = by_channel.iter().take(sensor.channel_names.len());
+                let most = channels.map(|a| a * e.depth).fold(0.0, f32::max);
+                (most > 1.0).then(|| {
+                    format!(
+                        "leaves the range of its model: a channel sees a depth of {most:.2}, and \
+                         light is cut at 0 where it is above 1"
+                    )
+                })
             })
         }
         Effect::ReadNoiseSpread(_) => {
@@ -99,16 +96,17 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
             let beyond = |first: f32, period: f32, pixels: u32| {
                 first as u32 % (period as u32).max(1) >= pixels
             };
-            (beyond(e.first_x, e.period_x, sensor.width)
-                || beyond(e.first_y, e.period_y, sensor.height))
-            .then(|| {
-                format!(
-                    "does nothing: its first pixel lies outside the {} x {} pixels of the sensor",
-                    sensor.width, sensor.height
-                )
-            })
+            (beyond(e.first_x, e.period_x, width) || beyond(e.first_y, e.period_y, height)).then(
+                || {
+                    format!(
+                        "does nothing: its first pixel lies outside the {width} x {height} pixels \
+                         of the sensor"
+                    )
+                },
+            )
         }
         Effect::FullWell(e) => {
+            let full_well_e = sensor.full_well_e;
             (f64::from(e.full_well_e) > full_well_e && e.knee == 0.0).then(|| {
                 format!(
                     "does nothing: the sensor's full well, {full_well_e} e-, is below its {} e-",
@@ -116,28 +114,14 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
                 )
             })
         }
-        Effect::BrighterFatter(e) => {
-            let lower = camera.effects.iter().filter_map(|e| match e {
-                Effect::FullWell(e) => Some(f64::from(e.full_well_e)),
-                _ => None,
-            });
-            let full_well_e = lower.fold(full_well_e, f64::min);
-            let strength = f64::from(e.coefficient) * full_well_e;
-            (strength > MAX_BRIGHTER_FATTER).then(|| {
-                format!(
-                    "leaves the range of its model: coefficient x full well is {strength:.2}, and \
-                     it holds up to {MAX_BRIGHTER_FATTER}, which is a coefficient of {:.1e} here",
-                    MAX_BRIGHTER_FATTER / full_well_e
-                )
-            })
-        }
+        Effect::BrighterFatter(e) => brighter_fatter(camera, f64::from(e.coefficient)),
         Effect::Nonlinearity(e) => {
             // The slope at full well, 1 − a (n + 1).
-            (e.loss * (e.exponent + 1.0) > 1.0).then(|| {
+            let loss = e.loss * (e.exponent + 1.0);
+            (loss > 1.0).then(|| {
                 format!(
                     "leaves the range of its model: the response falls before full well where \
-                     loss x (exponent + 1) is above 1, and it is {:.2}",
-                    e.loss * (e.exponent + 1.0)
+                     loss x (exponent + 1) is above 1, and it is {loss:.2}"
                 )
             })
         }
@@ -149,18 +133,6 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
             let back = starts.windows(2).find(|two| two[1] < two[0])?;
             Some(format!("has a range from {} DN behind one from {} DN", back[1], back[0]))
         }
-        _ => None,
-    }
-}
-
-fn beyond_the_channels(channel: usize, channels: usize) -> String {
-    format!("does nothing with channel_{channel}: the sensor has {channels} channels, from 0 on")
-}
-
-/// Of an effect that the sensor's size or the effects beside it leave nothing to do, or too much.
-fn reason_by_place(camera: &Camera, effect: &Effect) -> Option<String> {
-    let (width, height) = (camera.sensor.width, camera.sensor.height);
-    match effect {
         Effect::Fringing(e) => {
             let (sine, cosine) = libm::sincos(f64::from(e.direction_deg).to_radians());
             let across =
@@ -178,23 +150,50 @@ fn reason_by_place(camera: &Camera, effect: &Effect) -> Option<String> {
                 format!("does nothing: a fraction of {} of {width} columns is none", e.fraction)
             })
         }
-        Effect::GainStage(_) => {
-            let place = camera.effects.iter().position(|e| std::ptr::eq(e, effect))?;
-            let (upto, behind) = camera.effects.split_at(place + 1);
-            if behind.iter().all(|e| e.domain() < Domain::Voltage) {
-                return Some("does nothing: no effect stands behind it".into());
-            }
-            let shares = upto.iter().filter_map(|e| match e {
-                Effect::GainStage(stage) => Some(stage.share),
-                _ => None,
-            });
-            let passed: f32 = shares.sum();
-            (passed > 1.0 + 1e-6).then(|| {
-                format!("leaves the range of its model: the shares of the gain add up to {passed}")
-            })
-        }
+        Effect::GainStage(_) => gain_stage(camera, effect),
         _ => None,
     }
+}
+
+/// A value, other than that of a channel that is not affected, for one that the sensor lacks.
+fn beyond_the_channels(camera: &Camera, by_channel: [f32; 4], unaffected: f32) -> Option<String> {
+    let channels = camera.sensor.channel_names.len();
+    let beyond = (channels..by_channel.len()).find(|&c| by_channel[c] != unaffected)?;
+    Some(format!(
+        "does nothing with channel_{beyond}: the sensor has {channels} channels, from 0 on"
+    ))
+}
+
+fn brighter_fatter(camera: &Camera, coefficient: f64) -> Option<String> {
+    let lower = camera.effects.iter().filter_map(|e| match e {
+        Effect::FullWell(e) => Some(f64::from(e.full_well_e)),
+        _ => None,
+    });
+    let full_well_e = lower.fold(camera.sensor.full_well_e, f64::min);
+    let strength = coefficient * full_well_e;
+    (strength > MAX_BRIGHTER_FATTER).then(|| {
+        format!(
+            "leaves the range of its model: coefficient x full well is {strength:.2}, and it holds \
+             up to {MAX_BRIGHTER_FATTER}, which is a coefficient of {:.1e} here",
+            MAX_BRIGHTER_FATTER / full_well_e
+        )
+    })
+}
+
+fn gain_stage(camera: &Camera, effect: &Effect) -> Option<String> {
+    let place = camera.effects.iter().position(|e| std::ptr::eq(e, effect))?;
+    let (upto, behind) = camera.effects.split_at(place + 1);
+    if behind.iter().all(|e| e.domain() < Domain::Voltage) {
+        return Some("does nothing: no effect stands behind it".into());
+    }
+    let shares = upto.iter().filter_map(|e| match e {
+        Effect::GainStage(stage) => Some(stage.share),
+        _ => None,
+    });
+    let passed: f32 = shares.sum();
+    (passed > 1.0 + 1e-6).then(|| {
+        format!("leaves the range of its model: the shares of the gain add up to {passed}")
+    })
 }
 
 /// Effects on the signal that stand behind the converter's own.

@@ -36,9 +36,10 @@ pub struct Finding {
     /// Standard error of `amount`.
     #[serde(default)]
     pub std_error: Option<f64>,
-    /// Steps of requantised codes: where each begins and its size, DN.
+    /// Steps of requantised codes: where each begins and its size, DN; one between whole numbers
+    /// is the mean of those that alternate.
     #[serde(default)]
-    pub steps: Vec<[u16; 2]>,
+    pub steps: Vec<[f64; 2]>,
     /// Whether requantised codes were cut, and not rounded, to those that are left.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub cut: bool,

@@ -66,13 +66,17 @@ pub fn inspect(set: &CaptureSet, options: &Options<'_>) -> Result<(Vec<Finding>,
             gains => findings.extend(gains),
         }
     }
-    corrections.top_code = top_code::of(set, &scans);
-    findings.extend(corrections.top_code.map(|top| top_code::finding(set, &scans, top)));
+    let mut transfer = Transfer::of(set, &scans);
     let mut set = set.clone();
-    set.sensor.white_level_dn = corrections.top_code.unwrap_or(set.sensor.white_level_dn);
+    let top = top_code::piled(&set, &scans);
+    if let Some(top) = top.or_else(|| top_code::smeared(&set, &scans, &transfer)) {
+        findings.push(top_code::finding(&set, &scans, &top));
+        corrections.top_code = Some(top.dn);
+        set.sensor.white_level_dn = top.dn;
+        transfer = Transfer::of(&set, &scans);
+    }
     let set = &set;
     let temperature = temperature::finding(set);
-    let transfer = Transfer::of(set, &scans);
     if quantised_again {
         findings.extend(requantised::finding(set, &scans, &transfer));
     }

@@ -34,15 +34,64 @@ const MIN_ERRORS: f64 = 4.0;
 
 /// Most ranges that the effect `requantised` has.
 const MAX_RANGES: usize = 5;
+/// First codes of a range of which one is its begin, which the others judge: one that does not fit
+/// counts as several that do, since half the codes of a smaller step fit. Chosen.
+const JUDGED: usize = 64;
+const MISFIT: i32 = 3;
+/// What rounding of a step times its denominator may be.
+const ROUNDING: f64 = 1e-9;
 
-/// Step of the codes from one level to another, DN.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Neighbouring codes in use from one level to another, DN.
+#[derive(Clone, Copy, Debug)]
 struct Range {
     from: usize,
     to: usize,
-    step: f64,
-    /// The lowest code in use of it.
-    first: usize,
+    /// Pairs of neighbours, how far apart they are together, and how often one does not follow on
+    /// another.
+    pairs: usize,
+    covered: usize,
+    breaks: usize,
+    /// Windows of these.
+    windows: usize,
+}
+
+impl Range {
+    fn mean(&self) -> f64 {
+        self.covered as f64 / self.pairs as f64
+    }
+
+    /// The largest error of the mean: each run of codes that are rounded multiples of a step is
+    /// within 1 DN as long as these.
+    fn error(&self) -> f64 {
+        (self.breaks + 1) as f64 / self.pairs as f64
+    }
+
+    /// Whether both may be of one step.
+    fn is_like(&self, other: &Self) -> bool {
+        libm::fabs(self.mean() - other.mean()) < self.error() + other.error()
+    }
+
+    fn is_wide(&self) -> bool {
+        self.mean() + self.error() >= MIN_STEP
+    }
+
+    fn join(&mut self, next: Self) {
+        self.to = next.to;
+        self.pairs += next.pairs;
+        self.covered += next.covered;
+        self.breaks += next.breaks;
+        self.windows += next.windows;
+    }
+
+    /// Its step, DN: the fraction of the smallest denominator that its codes allow.
+    fn step(&self) -> f64 {
+        let (low, high) = (self.mean() - self.error(), self.mean() + self.error());
+        let of = |denominator: usize| {
+            let d = denominator as f64;
+            (low * d + ROUNDING).ceil() / d
+        };
+        (1..self.pairs).map(of).find(|step| *step < high).unwrap_or(self.mean()).max(1.0)
+    }
 }
 
 /// How often the flats have each code below the top one, which holds what is saturated.
@@ -53,36 +102,96 @@ fn counts(set: &CaptureSet, scans: &[Scan]) -> Vec<u64> {
     (0..top).map(|code| flats.iter().map(|s| s.codes[code]).sum::<u64>()).collect()
 }
 
-/// The steps of codes by level, where some are larger than 1 DN.
+/// The steps of codes by level, where some are larger than 1 DN: at most as many as the effect
+/// has, those joined whose steps are most alike.
 fn ranges(codes: &[u64]) -> Vec<Range> {
-    let top = codes.len();
-    let used: Vec<usize> = (0..top).filter(|code| codes[*code] > 0).collect();
+    let used = used(codes);
     let dense = |code: usize| codes[code] >= MIN_SAMPLES;
-    // Neighbours in use, both dense: how many pairs a window has, and how far apart together.
-    let mut windows = vec![(0usize, 0usize, 0usize); top / WINDOW + 1];
+    let window = |i: usize| {
+        let from = i * WINDOW;
+        Range { from, to: from + WINDOW, pairs: 0, covered: 0, breaks: 0, windows: 1 }
+    };
+    let mut windows: Vec<Range> = (0..=codes.len() / WINDOW).map(window).collect();
+    // Neighbours in use, both dense.
+    let mut last = 0;
     for pair in used.windows(2).filter(|pair| dense(pair[0]) && dense(pair[1])) {
-        let (pairs, covered, first) = &mut windows[pair[0] / WINDOW];
-        if *pairs == 0 {
-            *first = pair[0];
-        }
-        *pairs += 1;
-        *covered += pair[1] - pair[0];
+        let window = &mut windows[pair[0] / WINDOW];
+        window.pairs += 1;
+        window.covered += pair[1] - pair[0];
+        window.breaks += usize::from(pair[0] != last);
+        last = pair[1];
     }
+    windows.retain(|window| window.covered >= MIN_COVERED);
+    let mut found = without_changes(joined(windows.into_iter()));
+    // Steps that are none are of 1 DN.
+    found.iter_mut().filter(|r| !r.is_wide()).for_each(|r| r.covered = r.pairs);
+    let mut found = joined(found.into_iter());
+    let wide: usize = found.iter().filter(|r| r.is_wide()).map(|r| r.windows).sum();
+    if wide < MIN_WINDOWS {
+        return Vec::new();
+    }
+    while found.len() > MAX_RANGES {
+        let ratio = |i: usize| libm::fabs(libm::log2(found[i].mean() / found[i + 1].mean()));
+        let alike = (0..found.len() - 1).min_by(|&a, &b| ratio(a).total_cmp(&ratio(b)));
+        let Some(i) = alike else { break };
+        let next = found.remove(i + 1);
+        found[i].join(next);
+    }
+    found
+}
+
+/// Codes that samples have.
+fn used(codes: &[u64]) -> Vec<usize> {
+    (0..codes.len()).filter(|code| codes[*code] > 0).collect()
+}
+
+/// Neighbours of one step as one.
+fn joined(ranges: impl Iterator<Item = Range>) -> Vec<Range> {
     let mut found: Vec<Range> = Vec::new();
-    let mut wide = 0;
-    for (i, (pairs, covered, first)) in windows.into_iter().enumerate() {
-        if covered < MIN_COVERED {
-            continue;
-        }
-        let (from, step) = (i * WINDOW, covered as f64 / pairs as f64);
-        let step = if step < MIN_STEP { 1.0 } else { step.round() };
-        wide += usize::from(step > 1.0);
-        match found.last_mut().filter(|last| last.step == step) {
-            Some(last) => last.to = from + WINDOW,
-            None => found.push(Range { from, to: from + WINDOW, step, first }),
+    for range in ranges {
+        match found.last_mut().filter(|last| last.is_like(&range)) {
+            Some(last) => last.join(range),
+            None => found.push(range),
         }
     }
-    if wide < MIN_WINDOWS { Vec::new() } else { found }
+    found
+}
+
+/// Without the windows in which one step changes to the next: these are part of the latter.
+fn without_changes(mut ranges: Vec<Range>) -> Vec<Range> {
+    let mut i = 1;
+    while i + 1 < ranges.len() {
+        let (before, here, after) = (ranges[i - 1], ranges[i], ranges[i + 1]);
+        let between = (before.mean() < here.mean()) == (here.mean() < after.mean());
+        if between && here.windows == 1 && before.windows > 1 && after.windows > 1 {
+            ranges[i + 1].from = here.from;
+            ranges.remove(i);
+        }
+        i += 1;
+    }
+    ranges
+}
+
+/// The ranges as the effect has them, where each begins and its step, DN. One begins with that of
+/// its first codes from which on those that follow are most likely its own.
+fn steps(ranges: &[Range], codes: &[u64]) -> Vec<[f64; 2]> {
+    let used = used(codes);
+    let begin = |range: &Range| {
+        let step = range.step();
+        let own: Vec<usize> =
+            used.iter().copied().filter(|c| *c >= range.from).take(JUDGED).collect();
+        let fit = |from: usize| {
+            let rounded = |code: usize| {
+                let n = ((code - from) as f64 / step).round();
+                from + (n * step - 0.5).ceil() as usize
+            };
+            let fits = |code: &usize| if rounded(*code) == *code { 1 } else { -MISFIT };
+            own.iter().filter(|code| **code >= from).map(fits).sum::<i32>()
+        };
+        own.iter().rev().max_by_key(|from| fit(**from)).map_or(0.0, |code| *code as f64)
+    };
+    let begins = |(i, range)| if i == 0 { 0.0 } else { begin(range) };
+    ranges.iter().enumerate().map(|(i, range)| [begins((i, range)), range.step()]).collect()
 }
 
 /// Whether codes were cut to those that are left, and not rounded. Where the step grows from s₀ to
@@ -90,7 +199,7 @@ fn ranges(codes: &[u64]) -> Vec<Range> {
 /// cut, and (s₀ + s)/2 if they were rounded. Its share among its neighbours tells, where all are
 /// dense and their steps even; `false` where none is or chance decides.
 fn are_cut(codes: &[u64]) -> bool {
-    let used: Vec<usize> = (0..codes.len()).filter(|code| codes[*code] > 0).collect();
+    let used = used(codes);
     let (mut found, mut cut, mut rounded) = (0.0, 0.0, 0.0);
     for window in used.windows(2 * BESIDE + 1) {
         let steps: Vec<usize> = window.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -114,33 +223,12 @@ fn are_cut(codes: &[u64]) -> bool {
     found - rounded > f64::max((cut - rounded) / 2.0, MIN_ERRORS * found.sqrt())
 }
 
-/// The ranges as the effect has them, where each begins and its step, DN: of more than it has,
-/// those whose steps are most alike are joined to one of their mean step. The first is from 0 on,
-/// whose step must be that of its codes from there.
-fn steps(mut ranges: Vec<Range>) -> Vec<[u16; 2]> {
-    while ranges.len() > MAX_RANGES {
-        let ratio = |i: usize| libm::fabs(libm::log2(ranges[i].step / ranges[i + 1].step));
-        let alike = (0..ranges.len() - 1).min_by(|&a, &b| ratio(a).total_cmp(&ratio(b)));
-        let Some(i) = alike else { break };
-        let next = ranges.remove(i + 1);
-        let (a, b) = (ranges[i], next);
-        let weight = |r: &Range| (r.to - r.from) as f64;
-        let codes = weight(&a) / a.step + weight(&b) / b.step;
-        let step = ((weight(&a) + weight(&b)) / codes).round();
-        ranges[i] = Range { to: b.to, step, ..a };
-    }
-    let begins =
-        |(i, r): (usize, &Range)| if i == 0 { r.first % r.step as usize } else { r.first };
-    let words = |v: usize| u16::try_from(v).unwrap_or(u16::MAX);
-    ranges.iter().enumerate().map(|r| [words(begins(r)), words(r.1.step as usize)]).collect()
-}
-
 /// The largest ratio of the variance of a stack on wider codes to that of photon transfer with the
 /// gain of the stacks of its analog gain on codes of 1 DN; none where either is missing.
 fn excess(set: &CaptureSet, scans: &[Scan], transfer: &Transfer, ranges: &[Range]) -> Option<f64> {
     let step_at = |level: f64| {
         let below = ranges.iter().rev().find(|r| r.from as f64 <= level);
-        below.or(ranges.first()).map_or(1.0, |r| r.step)
+        below.or(ranges.first()).map_or(1.0, Range::step)
     };
     let stacks = |role: Role, gain: f64| {
         let of = move |(s, p): (&Scan, &Point)| {
@@ -178,9 +266,13 @@ pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer) -> Option<
     let codes = counts(set, scans);
     let ranges = ranges(&codes);
     let cut = are_cut(&codes);
-    let largest = ranges.iter().map(|r| r.step).reduce(f64::max)?;
-    let by_level: Vec<String> =
-        ranges.iter().map(|r| format!("{} DN from {} to {} DN", r.step, r.from, r.to)).collect();
+    let largest = ranges.iter().map(Range::step).reduce(f64::max)?;
+    let by_level = ranges.iter().map(|r| {
+        let step = (1e3 * r.step()).round() / 1e3;
+        let mean = if step.fract() > 0.0 { "in the mean " } else { "" };
+        format!("{step} DN {mean}from {} to {} DN", r.from, r.to)
+    });
+    let by_level: Vec<String> = by_level.collect();
     let excess = excess(set, scans, transfer, &ranges).filter(|excess| *excess > MERGED);
     let (done, cause) = match excess {
         Some(excess) => (
@@ -207,7 +299,7 @@ pub fn finding(set: &CaptureSet, scans: &[Scan], transfer: &Transfer) -> Option<
     let mut finding = Finding::new(Kind::Requantised, "all captures", done)
         .with_amount(largest, 0.0, "DN")
         .with_description(format!("codes in use are {}: {cause}", by_level.join(", ")));
-    (finding.steps, finding.cut) = (steps(ranges), cut);
+    (finding.steps, finding.cut) = (steps(&ranges, &codes), cut);
     Some(finding)
 }
 

@@ -89,6 +89,20 @@ impl Scan {
         levels.iter().sum::<f64>() / levels.len().max(1) as f64
     }
 
+    /// The code below which this share of the samples lies.
+    pub fn quantile(&self, share: f64) -> u16 {
+        let all: u64 = self.codes.iter().sum();
+        let mut left = (share * all as f64) as u64;
+        let reached = |&n: &u64| match left.checked_sub(n) {
+            Some(rest) => {
+                left = rest;
+                false
+            }
+            None => true,
+        };
+        self.codes.iter().position(reached).map_or(u16::MAX, |code| code as u16)
+    }
+
     /// Share of samples at or above `white`.
     pub fn saturated(&self, white: u16) -> f64 {
         let all: u64 = self.codes.iter().sum();

@@ -483,6 +483,32 @@ fn samples_that_pile_up_below_the_white_level_are_saturated() {
     }
 }
 
+/// Where charge ends, and noise of the amplifier follows, no code stands out: the stack lies about
+/// 80 + 0.5 x 5000 = 2580 DN with a noise of 4 e⁻, of which 1 % lies 2.33 standard deviations below.
+#[test]
+fn saturation_before_the_noise_of_the_amplifier_is_found() {
+    let mut random = Random::seed_from_u64(3);
+    let unit = Normal::new(0.0, 1.0).unwrap();
+    let mut clip = |e: &mut [f64], _: &Plan, _: usize| {
+        e.iter_mut().for_each(|v| *v = v.min(5000.0) + READ_E * unit.sample(&mut random));
+    };
+    let found = findings_of(18, Hooks { electrons: Some(&mut clip), ..Hooks::default() });
+    let tops: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::TopCode).collect();
+    let [Finding { amount: Some(amount), place, .. }] = tops[..] else { panic!("{found:#?}") };
+    assert!((amount - (2580.0 - 2.33 * K * READ_E)).abs() <= 1.0, "{amount}");
+    assert_eq!(place, "flat-f");
+}
+
+/// Codes behind a logarithm have less noise the brighter they are, and are not saturated.
+#[test]
+fn compressed_codes_are_not_taken_for_saturated_ones() {
+    let mut log = |dn: &mut [f64], _: usize| {
+        dn.iter_mut().for_each(|v| *v = BLACK + 200.0 * f64::ln_1p((*v - BLACK) / 200.0));
+    };
+    let found = findings_of(18, Hooks { codes: Some(&mut log), ..Hooks::default() });
+    assert!(found.iter().all(|f| f.kind != Kind::TopCode), "{found:#?}");
+}
+
 /// Beyond the analogue gain codes are multiplied: all stacks of that gain have the step, apart from
 /// saturated samples, and those of another gain do not hide it.
 #[test]
@@ -534,12 +560,37 @@ fn codes_whose_step_depends_on_the_level_are_found() {
     let steps: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::Requantised).collect();
     assert_eq!(steps.iter().map(|f| f.amount).collect::<Vec<_>>(), [Some(4.0)], "{found:#?}");
     // As the effect has them: each range begins with the lowest of its codes that a flat shows.
-    let [[_, 1], [second, 2], [third, 4]] = steps[0].steps[..] else { panic!("{found:#?}") };
-    assert!((480..2000).contains(&second) && second % 2 == 0, "{second}");
-    assert!(third >= 1980 && third % 4 == 0, "{third}");
+    let [[_, 1.0], [second, 2.0], [third, 4.0]] = steps[0].steps[..] else { panic!("{found:#?}") };
+    assert!((480.0..2000.0).contains(&second) && second % 2.0 == 0.0, "{second}");
+    assert!(third >= 1980.0 && third % 4.0 == 0.0, "{third}");
     for words in ["1 DN from", "2 DN from", "4 DN from"] {
         assert!(steps[0].description.contains(words), "{}", steps[0].description);
     }
+}
+
+/// A table whose step lies between whole numbers: codes 1 and 2 DN apart in turn from 300 DN on,
+/// and 2 and 3 DN from 1200 DN on, are one range each.
+#[test]
+fn codes_that_alternate_are_one_step() {
+    let again = |v: f64, from: f64, step: f64| {
+        from + (((v - from) / step + 0.5).floor() * step - 0.5).ceil()
+    };
+    let mut table = |dn: &mut [f64], _: usize| {
+        for v in dn {
+            *v = match *v {
+                ..300.0 => *v,
+                ..1200.0 => again(*v, 300.0, 1.5),
+                _ => again(*v, 1200.0, 2.5),
+            };
+        }
+    };
+    let found = findings_of(19, Hooks { codes: Some(&mut table), ..Hooks::default() });
+    let steps: Vec<&Finding> = found.iter().filter(|f| f.kind == Kind::Requantised).collect();
+    let [[_, 1.0], [second, 1.5], [third, 2.5]] = steps[0].steps[..] else { panic!("{found:#?}") };
+    // In phase: multiples of 3 DN and of 5 DN after the begin are in the table.
+    assert!((280.0..1200.0).contains(&second) && (second - 300.0) % 3.0 == 0.0, "{second}");
+    assert!(third >= 1180.0 && (third - 1200.0) % 5.0 == 0.0, "{third}");
+    assert!(steps[0].description.contains("1.5 DN in the mean from"), "{}", steps[0].description);
 }
 
 /// A sensor that takes bright pixels from a capture of an eighth of the exposure: their shot noise

@@ -104,7 +104,7 @@ fn requantised(camera: &Camera, finding: &Finding) -> Option<Proposal> {
     let pairs = KEYS.into_iter().zip(&finding.steps);
     let values = pairs.flat_map(|(keys, words)| keys.into_iter().zip(words));
     let values = values.filter(|(key, _)| !key.is_empty());
-    let values = values.map(|(key, &word)| (key, f64::from(word)));
+    let values = values.map(|(key, &word)| (key, word));
     let values = values.chain(finding.cut.then_some(("rounding", 0.0)));
     let parameters: Vec<(&'static str, Value)> =
         values.map(|(key, value)| (key, Value::new(value, 0.0))).collect();
@@ -193,7 +193,7 @@ mod tests {
     fn requantised_codes_give_the_model_their_table() {
         let mut finding =
             Finding::new(camrig_clean::Kind::Requantised, "all", camrig_clean::Done::Reported);
-        finding.steps = vec![[0, 1], [952, 2], [2416, 8]];
+        finding.steps = vec![[0.0, 1.0], [952.0, 2.0], [2416.0, 8.0]];
         let mut camera = camera();
         let found = requantised(&camera, &finding).unwrap();
         let values: Vec<(&str, f64)> =

@@ -3,7 +3,7 @@
 //! Trial frames are taken and judged as a camera does it, by their samples; each time the exposure
 //! is scaled by what lacks. The result is rounded to three digits, so that it can be typed again.
 
-use super::SimulatedSensor;
+use super::{SimulatedSensor, metadata};
 use camrig_base::{Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
@@ -13,11 +13,12 @@ use camrig_exposure::IrradianceCube;
 #[non_exhaustive]
 pub enum Brightness {
     /// 99.9 % of the samples of each channel lie below 0.85 of the range above black: highlights
-    /// keep a quarter of a stop.
+    /// keep a quarter of a stop. Lower, where the camera's noise is so large that five standard
+    /// deviations above that level are clipped.
     Highlights,
     /// The mean of the green channel (of all, where none is green) is this share of the range
-    /// above black. Where that clips the highlights of a channel (more than 0.1 % of its samples
-    /// saturate), as `Highlights`.
+    /// above black. Where more than 0.1 % of the samples of a channel lie within five standard
+    /// deviations of the camera's noise of its end, as `Highlights`.
     Mean(f64),
 }
 
@@ -26,6 +27,12 @@ const HIGHLIGHTS: f64 = 0.85;
 /// The share of the brightest channel's samples that lies below it: a patch of a chart is more than
 /// the rest, hot pixels are less.
 const BELOW: f64 = 0.999;
+/// Standard deviations of noise for which a level leaves room: of a patch of 3.5 million pixels, one
+/// is beyond.
+const NOISE: f64 = 5.0;
+/// The least level that highlights get: that of a grey card. At gains whose noise is wider, a
+/// picture has clipped noise or nothing else.
+const GREY: f64 = 0.18;
 /// Shortest and longest exposure, s: a global shutter's least, and a minute.
 const EXPOSURES_S: [f64; 2] = [1e-6, 60.0];
 /// Exposure of the first trial, s.
@@ -64,64 +71,93 @@ pub fn exposure_s(
     gain: Option<f64>,
     brightness: Brightness,
 ) -> Result<Found> {
-    let (exposure_s, frame) = search(camera, sensor, cube, gain, brightness)?;
-    let clips = frame.channel_means().iter().any(|channel| channel.saturated > 1.0 - BELOW);
-    if !clips {
+    let top = unclipped(camera, gain.unwrap_or(camera.sensor.analog_gain));
+    let highlights = f64::min(HIGHLIGHTS, top);
+    let trials = Trials { camera, sensor, cube, gain };
+    let Brightness::Mean(mean) = brightness else {
+        let (exposure_s, _) = trials.search(brightness, highlights)?;
+        return Ok(Found { exposure_s, clipping_s: None });
+    };
+    let (exposure_s, frame) = trials.search(brightness, mean)?;
+    if share(&frame, Brightness::Highlights) <= top {
         return Ok(Found { exposure_s, clipping_s: None });
     }
-    let (shorter_s, _) = search(camera, sensor, cube, gain, Brightness::Highlights)?;
+    let (shorter_s, _) = trials.search(Brightness::Highlights, highlights)?;
     Ok(Found { exposure_s: shorter_s, clipping_s: Some(exposure_s) })
 }
 
-/// The exposure time, s, and its last trial.
-fn search(
-    camera: &Camera,
-    sensor: &SimulatedSensor,
-    cube: &IrradianceCube,
+/// The level, as a share of the range above black, that is [`NOISE`] standard deviations below its
+/// end: m + n √(S m + O + p² m²) = w, with the camera's noise profile (S, O), PRNU p and saturation
+/// at w, each of the converter's range; [`GREY`] where noise is larger.
+fn unclipped(camera: &Camera, gain: f64) -> f64 {
+    let sensor = &camera.sensor;
+    let (shot, dark) = metadata::noise_profile(camera, gain)[0];
+    let at = sensor.at_gain(gain);
+    let range_dn = f64::from((1u32 << sensor.bits) - 1) - at.black_level_dn;
+    let end = sensor.saturation_e(gain) * at.dn_per_e / range_dn;
+    let n2 = NOISE * NOISE;
+    // a m² − b m + c = 0, of which the smaller solution is the one below the end.
+    let (a, b, c) = (
+        1.0 - n2 * sensor.noise.prnu * sensor.noise.prnu,
+        2.0 * end + n2 * shot,
+        end * end - n2 * dark,
+    );
+    (2.0 * c / (b + (b * b - 4.0 * a * c).sqrt()) / end).max(GREY)
+}
+
+/// What trial frames are taken of.
+struct Trials<'a> {
+    camera: &'a Camera,
+    sensor: &'a SimulatedSensor,
+    cube: &'a IrradianceCube,
     gain: Option<f64>,
-    brightness: Brightness,
-) -> Result<(f64, RawFrame)> {
-    let goal = goal(brightness);
-    if !(goal > BLACK && goal < SATURATED) {
-        return Err(Error::input(format!("automatic exposure to {goal} of the range"))
-            .help(format!("give a share from {BLACK} to {SATURATED}, such as 0.18")));
-    }
-    let [shortest, longest] = EXPOSURES_S;
-    let mut exposure_s = FIRST_S;
-    for _ in 0..TRIALS {
-        let settings = camera.settings(0, exposure_s, gain);
-        let frame = sensor.frame(cube, &settings)?;
-        let factor = correction(&frame, brightness);
-        if (1.0 / factor - 1.0).abs() < ENOUGH {
-            return Ok((three_digits(exposure_s), frame));
+}
+
+impl Trials<'_> {
+    /// The exposure time, s, at which the brightness is `goal`, and its last trial.
+    fn search(&self, brightness: Brightness, goal: f64) -> Result<(f64, RawFrame)> {
+        if !(goal > BLACK && goal < SATURATED) {
+            return Err(Error::input(format!("automatic exposure to {goal} of the range"))
+                .help(format!("give a share from {BLACK} to {SATURATED}, such as 0.18")));
         }
-        let next = exposure_s * factor;
-        if next < shortest || next > longest {
-            break;
+        let [shortest, longest] = EXPOSURES_S;
+        let mut exposure_s = FIRST_S;
+        for _ in 0..TRIALS {
+            let settings = self.camera.settings(0, exposure_s, self.gain);
+            let frame = self.sensor.frame(self.cube, &settings)?;
+            let factor = towards(goal, share(&frame, brightness));
+            if (1.0 / factor - 1.0).abs() < ENOUGH {
+                return Ok((three_digits(exposure_s), frame));
+            }
+            let next = exposure_s * factor;
+            if next < shortest || next > longest {
+                break;
+            }
+            exposure_s = next;
         }
-        exposure_s = next;
+        Err(Error::limit("automatic exposure finds no exposure time").help(format!(
+            "no exposure from {shortest} to {longest} s brings the frame to {goal} of the range \
+             above black: change light or gain, or give the time"
+        )))
     }
-    Err(Error::limit("automatic exposure finds no exposure time").help(format!(
-        "no exposure from {shortest} to {longest} s brings the frame to {goal} of the range above \
-         black: change light or gain, or give the time"
-    )))
 }
 
 /// The factor by which the exposure of a frame is to be multiplied, as far as the frame tells:
 /// where it is saturated or black it tells the direction alone.
 pub fn correction(frame: &RawFrame, brightness: Brightness) -> f64 {
-    match share(frame, brightness) {
-        s if s > SATURATED => 1.0 / STEP,
-        s if s < BLACK => STEP,
-        s => goal(brightness) / s,
-    }
-}
-
-/// The share of the range above black that is asked for.
-fn goal(brightness: Brightness) -> f64 {
-    match brightness {
+    let goal = match brightness {
         Brightness::Highlights => HIGHLIGHTS,
         Brightness::Mean(share) => share,
+    };
+    towards(goal, share(frame, brightness))
+}
+
+/// The factor from a share of the range to another.
+fn towards(goal: f64, share: f64) -> f64 {
+    match share {
+        s if s > SATURATED => 1.0 / STEP,
+        s if s < BLACK => STEP,
+        s => goal / s,
     }
 }
 
@@ -215,6 +251,23 @@ mod tests {
         }
     }
 
+    /// At high gain, noise of a level of 0.85 would be clipped: m + 5 √(m + 3²) = 8500/40 e⁻ has
+    /// m = 149 e⁻, 0.70 of it.
+    #[test]
+    fn highlights_leave_room_for_the_noise() {
+        let mut camera = Camera::load("mt9t012").unwrap();
+        let sensor = &mut camera.sensor;
+        (sensor.full_well_e, sensor.full_scale_e, sensor.black_level_dn) = (8500.0, 8500.0, 0.0);
+        sensor.noise.prnu = 0.0;
+        (sensor.noise.read_e, sensor.noise.read_e_post) = (3.0, 0.0);
+        let m = 0.70 * 8500.0 / 40.0;
+        let with_noise = m + 5.0 * f64::sqrt(m + 9.0);
+        assert!((with_noise / (8500.0 / 40.0) - 1.0).abs() < 0.005, "{with_noise}");
+        assert!((unclipped(&camera, 40.0) - 0.70).abs() < 0.005);
+        assert!(unclipped(&camera, 1.0) > 0.94);
+        assert_eq!(unclipped(&camera, 1e4), GREY);
+    }
+
     /// In tungsten light, red of the white patch ends before green has its mean; the darker mean
     /// that fits is the one that was asked for.
     #[test]
@@ -222,7 +275,7 @@ mod tests {
         let (mean, highlights) = (Brightness::Mean(0.3), Brightness::Highlights);
         let (found, frame) = exposed_in("A", "colorchecker", 200.0, mean).unwrap();
         for channel in frame.channel_means() {
-            assert!(channel.saturated <= 1.0 - BELOW, "{}", channel.name);
+            assert_eq!(channel.saturated, 0.0, "{}", channel.name);
         }
         let alone = exposed_in("A", "colorchecker", 200.0, highlights).unwrap().0;
         assert_eq!(found.exposure_s, alone.exposure_s);
