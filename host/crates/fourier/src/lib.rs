@@ -1,7 +1,7 @@
 //! Fourier transforms with the same bits on every machine. The principal type is [`lanes::Fft`]:
 //! many short sequences at once; [`plans`] has those of established libraries for analysis.
 //!
-//! - [`lanes`] transforms sixteen sequences of f32 side by side, for blurs. Lengths are products of
+//! - [`lanes`] transforms sixteen sequences of f32 or f64 side by side, for blurs. Lengths are products of
 //!   2, 3 and 5.
 //! - [`plans`] hands out f32 plans of `rustfft` and `realfft` for any length. They are compiled
 //!   once, here, for all crates.

@@ -1,6 +1,6 @@
 //! Transforms of sixteen sequences side by side.
 
-use camrig_fourier::lanes::{Fft, LANES, Lanes, Split, good_length, transpose};
+use camrig_fourier::lanes::{Fft, LANES, Lanes, Real, Split, good_length, transpose};
 use std::f64::consts::TAU;
 
 fn noise(seed: usize) -> f32 {
@@ -9,13 +9,18 @@ fn noise(seed: usize) -> f32 {
 
 #[test]
 fn equals_the_sum_that_defines_it() {
+    equals_the_sum::<f32>(f64::from(f32::EPSILON) / 2.0);
+    equals_the_sum::<f64>(16.0 * f64::EPSILON);
+}
+
+fn equals_the_sum<T: Real + Into<f64>>(rounding: f64) {
     for n in [1, 2, 3, 4, 5, 6, 8, 9, 12, 16, 20, 45, 60, 96, 108, 144, 150] {
-        let fft = Fft::new(n);
+        let fft = Fft::<T>::new(n);
         let mut data = Split::zeros(n);
         for i in 0..n {
             for l in 0..LANES {
-                data.re[i].0[l] = noise(i * 31 + l);
-                data.im[i].0[l] = noise(i * 57 + l + 9);
+                data.re[i].0[l] = T::wide(noise(i * 31 + l));
+                data.im[i].0[l] = T::wide(noise(i * 57 + l + 9));
             }
         }
         let before = data.clone();
@@ -26,21 +31,21 @@ fn equals_the_sum_that_defines_it() {
                 let (mut re, mut im) = (0.0, 0.0);
                 for i in 0..n {
                     let (s, c) = (-TAU * ((i * k) % n) as f64 / n as f64).sin_cos();
-                    let (a, b) = (f64::from(before.re[i].0[l]), f64::from(before.im[i].0[l]));
+                    let (a, b): (f64, f64) = (before.re[i].0[l].into(), before.im[i].0[l].into());
                     re += a * c - b * s;
                     im += a * s + b * c;
                 }
-                // f32 butterflies: a few 2⁻²⁴ of the norm √n per stage.
-                let tolerance = 1e-6 * (n as f64).sqrt() + 1e-6;
-                assert!((f64::from(data.re[k].0[l]) - re).abs() < tolerance, "n {n} k {k}");
-                assert!((f64::from(data.im[k].0[l]) - im).abs() < tolerance, "n {n} k {k}");
+                // A few roundings of the norm √n per stage; for f64, those of this sum too.
+                let tolerance = 16.0 * rounding * ((n as f64).sqrt() + 1.0);
+                assert!((data.re[k].0[l].into() - re).abs() < tolerance, "n {n} k {k}");
+                assert!((data.im[k].0[l].into() - im).abs() < tolerance, "n {n} k {k}");
             }
         }
         fft.backward(&mut data, &mut scratch);
         for i in 0..n {
             for l in 0..LANES {
-                let back = data.re[i].0[l] / n as f32;
-                assert!((back - before.re[i].0[l]).abs() < 3e-6, "n {n}");
+                let back = data.re[i].0[l].into() / n as f64;
+                assert!((back - before.re[i].0[l].into()).abs() < 48.0 * rounding, "n {n}");
             }
         }
     }

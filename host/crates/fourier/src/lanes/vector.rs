@@ -1,6 +1,6 @@
 //! Sixteen values side by side, handled as many at a time as a vector register holds.
 
-use bytemuck::{cast_slice, cast_slice_mut};
+use super::real::Real;
 use pulp::{Simd, bytemuck};
 
 /// Sequences transformed at once.
@@ -9,16 +9,16 @@ pub const LANES: usize = 16;
 /// One element of sixteen sequences.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lanes(pub [f32; LANES]);
+pub struct Lanes<T = f32>(pub [T; LANES]);
 
-// SAFETY: sixteen f32 without padding; any bits are values of it.
-unsafe impl bytemuck::Zeroable for Lanes {}
+// SAFETY: sixteen f32 or f64 without padding; any bits are values of it.
+unsafe impl<T: Real> bytemuck::Zeroable for Lanes<T> {}
 // SAFETY: as above; `repr(C)`, `Copy`, no interior mutability, no references.
-unsafe impl bytemuck::Pod for Lanes {}
+unsafe impl<T: Real> bytemuck::Pod for Lanes<T> {}
 
-impl Lanes {
+impl<T: Real> Lanes<T> {
     /// Sixteen zeros.
-    pub const ZERO: Lanes = Lanes([0.0; LANES]);
+    pub const ZERO: Self = Self([T::ZERO; LANES]);
 
     /// The values of a row from place `x` on, 0 beyond its end.
     #[inline(always)]
@@ -26,18 +26,18 @@ impl Lanes {
     pub fn of_row(row: &[f32], x: usize) -> Self {
         let mut lanes = Self::ZERO;
         match row.get(x..x + LANES) {
-            Some(whole) => lanes.0.copy_from_slice(whole),
+            Some(whole) => lanes.0.iter_mut().zip(whole).for_each(|(l, v)| *l = T::wide(*v)),
             None => {
                 let rest = row.get(x..).unwrap_or_default();
-                lanes.0[..rest.len()].copy_from_slice(rest);
+                lanes.0.iter_mut().zip(rest).for_each(|(l, v)| *l = T::wide(*v));
             }
         }
         lanes
     }
 
     #[inline(always)]
-    fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        let mut out = [0.0; LANES];
+    fn zip(self, other: Self, f: impl Fn(T, T) -> T) -> Self {
+        let mut out = [T::ZERO; LANES];
         for (o, (a, b)) in out.iter_mut().zip(self.0.iter().zip(&other.0)) {
             *o = f(*a, *b);
         }
@@ -68,88 +68,68 @@ impl Lanes {
     /// Every lane times one factor.
     #[inline(always)]
     #[must_use]
-    pub fn times(mut self, factor: f32) -> Self {
-        self.0.iter_mut().for_each(|a| *a *= factor);
+    pub fn times(mut self, factor: T) -> Self {
+        self.0.iter_mut().for_each(|a| *a = *a * factor);
         self
     }
 }
 
 /// Complex numbers in as many of the lanes as a register of the machine holds.
 #[derive(Clone, Copy)]
-pub struct Complex<S: Simd> {
+pub struct Complex<S: Simd, T: Real> {
     /// Real parts.
-    pub re: S::f32s,
+    pub re: T::Vector<S>,
     /// Imaginary parts.
-    pub im: S::f32s,
+    pub im: T::Vector<S>,
 }
 
-impl<S: Simd> Complex<S> {
+impl<S: Simd, T: Real> Complex<S, T> {
     /// 0.
     #[inline(always)]
     pub fn zero(simd: S) -> Self {
-        Self { re: simd.splat_f32s(0.0), im: simd.splat_f32s(0.0) }
+        Self { re: T::splat(simd, T::ZERO), im: T::splat(simd, T::ZERO) }
     }
 
     /// a + b.
     #[inline(always)]
     pub fn add(self, simd: S, b: Self) -> Self {
-        Self { re: simd.add_f32s(self.re, b.re), im: simd.add_f32s(self.im, b.im) }
+        Self { re: T::plus(simd, self.re, b.re), im: T::plus(simd, self.im, b.im) }
     }
 
     /// a − b.
     #[inline(always)]
     pub fn sub(self, simd: S, b: Self) -> Self {
-        Self { re: simd.sub_f32s(self.re, b.re), im: simd.sub_f32s(self.im, b.im) }
+        Self { re: T::minus(simd, self.re, b.re), im: T::minus(simd, self.im, b.im) }
     }
 
     /// a·b, without fused operations.
     #[inline(always)]
     pub fn mul(self, simd: S, b: Self) -> Self {
         Self {
-            re: simd.sub_f32s(simd.mul_f32s(self.re, b.re), simd.mul_f32s(self.im, b.im)),
-            im: simd.add_f32s(simd.mul_f32s(self.re, b.im), simd.mul_f32s(self.im, b.re)),
+            re: T::minus(simd, T::times(simd, self.re, b.re), T::times(simd, self.im, b.im)),
+            im: T::plus(simd, T::times(simd, self.re, b.im), T::times(simd, self.im, b.re)),
         }
     }
 
     /// The value times a real factor.
     #[inline(always)]
-    pub fn scale(self, simd: S, factor: f32) -> Self {
-        let f = simd.splat_f32s(factor);
-        Self { re: simd.mul_f32s(self.re, f), im: simd.mul_f32s(self.im, f) }
+    pub fn scale(self, simd: S, factor: T) -> Self {
+        let f = T::splat(simd, factor);
+        Self { re: T::times(simd, self.re, f), im: T::times(simd, self.im, f) }
     }
 
     /// The value times cos + i·sin of an angle.
     #[inline(always)]
-    pub fn turned(self, simd: S, (cos, sin): (f32, f32)) -> Self {
-        self.mul(simd, Self { re: simd.splat_f32s(cos), im: simd.splat_f32s(sin) })
+    pub fn turned(self, simd: S, (cos, sin): (T, T)) -> Self {
+        self.mul(simd, Self { re: T::splat(simd, cos), im: T::splat(simd, sin) })
     }
 
     /// The value times −i·factor.
     #[inline(always)]
-    pub fn minus_i_times(self, simd: S, factor: f32) -> Self {
+    pub fn minus_i_times(self, simd: S, factor: T) -> Self {
         Self {
-            re: simd.mul_f32s(self.im, simd.splat_f32s(factor)),
-            im: simd.mul_f32s(self.re, simd.splat_f32s(-factor)),
+            re: T::times(simd, self.im, T::splat(simd, factor)),
+            im: T::times(simd, self.re, T::splat(simd, -factor)),
         }
     }
-}
-
-/// Number of registers that hold sixteen lanes.
-#[inline(always)]
-#[must_use]
-pub fn registers<S: Simd>() -> usize {
-    LANES / S::F32_LANES
-}
-
-/// Views lanes as registers.
-#[inline(always)]
-#[must_use]
-pub fn vectors<S: Simd>(lanes: &[Lanes]) -> &[S::f32s] {
-    S::as_simd_f32s(cast_slice(lanes)).0
-}
-
-/// Views lanes as registers for writing.
-#[inline(always)]
-pub fn vectors_mut<S: Simd>(lanes: &mut [Lanes]) -> &mut [S::f32s] {
-    S::as_mut_simd_f32s(cast_slice_mut(lanes)).0
 }

@@ -23,6 +23,7 @@ mod gpu;
 pub mod nodes;
 pub mod over_field;
 pub mod psf;
+mod range;
 pub(super) mod source;
 pub mod stations;
 pub mod varying;

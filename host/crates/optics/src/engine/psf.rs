@@ -22,8 +22,12 @@ pub struct PsfField {
 /// receives, per area of the square and times the cell's. The pixel's centre lies (i − before +
 /// (s−1)/2) cells from the cell's centre.
 ///
-/// The cell holds an *average* of the scene, which the pixel's integral would blur a second time;
-/// five taps along x and y turn averages into point values, to sixth order.
+/// The cell holds an *average* of the scene, which the pixel's integral would blur a second time.
+/// Averages are turned into point values, to sixth order, by a flow of light between neighbouring
+/// cells ([`FLOWS`]), of which no cell gives more than it has. So no entry is negative and no light
+/// is made or lost, however narrow the PSF; one that is narrower than a cell is not sharpened.
+/// Where the whole pixel is photosensitive, an entry is a sum over the pixel's s x s cells, so that
+/// pixels together receive all of a cell's light wherever it lies in its pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KernelGrid {
     /// Entries per side.
@@ -45,10 +49,11 @@ pub const TAIL: f64 = 1e-4;
 /// The direction in which the rows of a PSF rise on the sensor where it is not turned.
 pub const UPRIGHT: (f64, f64) = (0.0, 1.0);
 
-/// Point value at a cell's centre from the averages of it and two neighbours on each side; exact
-/// for polynomials up to degree 5.
-const POINT_FROM_AVERAGES: [f64; 5] =
-    [3.0 / 640.0, -29.0 / 480.0, 1067.0 / 960.0, -29.0 / 480.0, 3.0 / 640.0];
+/// Flow of light between neighbouring cells, from the lower to the higher, that turns averages over
+/// cells into point values at their centres: of the difference of the two, and of that of the next
+/// two. So a point value is (9a₋₂ − 116a₋₁ + 2134a₀ − 116a₁ + 9a₂)/1920, exact for polynomials up
+/// to degree 5.
+const FLOWS: [f64; 2] = [29.0 / 480.0 - 3.0 / 640.0, -3.0 / 640.0];
 
 impl KernelGrid {
     /// The smallest grid that holds PSFs of radius `radius_um`.
@@ -138,18 +143,17 @@ impl PsfField {
     ) -> Vec<f32> {
         let (x, y) = (x_mm + shift_mm.0, y_mm + shift_mm.1);
         let shift_um = (shift_mm.0 * 1e3, shift_mm.1 * 1e3);
-        let sums = match &self.stations {
+        match &self.stations {
             Stations::Heights(heights_mm) => {
                 let height = libm::hypot(x, y);
                 // On the axis "radial" is down, as in the tables.
                 let radial = if height > 0.0 { (x / height, y / height) } else { UPRIGHT };
-                self.integrated(&self.at(heights_mm, height), radial, shift_um, grid)
+                self.sharp(&self.at(heights_mm, height), radial, shift_um, grid)
             }
             Stations::Lattice(lattice) => {
-                self.integrated(&lattice.blend(&self.psfs, x, y), UPRIGHT, shift_um, grid)
+                self.sharp(&lattice.blend(&self.psfs, x, y), UPRIGHT, shift_um, grid)
             }
-        };
-        normalised(&sums, grid.size)
+        }
     }
 
     /// The kernel of a PSF whose rows rise along the unit vector `radial`.
@@ -159,7 +163,22 @@ impl PsfField {
     /// square.
     #[must_use]
     pub fn projected(&self, psf: &[f32], radial: (f64, f64), grid: &KernelGrid) -> Vec<f32> {
-        normalised(&self.integrated(psf, radial, (0.0, 0.0), grid), grid.size)
+        self.sharp(psf, radial, (0.0, 0.0), grid)
+    }
+
+    /// As [`PsfField::projected`], of light that lands `shift_um` right of and below where it is.
+    fn sharp(
+        &self,
+        psf: &[f32],
+        radial: (f64, f64),
+        shift_um: (f64, f64),
+        grid: &KernelGrid,
+    ) -> Vec<f32> {
+        let cells = grid.cells();
+        let light = sharpened(&self.integrated(psf, radial, shift_um, &cells), cells.size);
+        let sums = box_sums(&light, cells.size, cells.size - grid.size + 1);
+        let total: f64 = sums.iter().sum();
+        sums.iter().map(|v| (v / total) as f32).collect()
     }
 
     /// The light of every PSF sample, `shift_um` right of and below where it is, in the pixel
@@ -242,6 +261,18 @@ impl PsfField {
 }
 
 impl KernelGrid {
+    /// The grid whose entries, summed over squares, are this one's: the cells of a pixel that is
+    /// photosensitive all over, or this grid.
+    fn cells(&self) -> Self {
+        let Self { size, oversample, cell_um, .. } = *self;
+        match (self.aperture_um / cell_um - oversample as f64).abs() < 1e-9 {
+            true => {
+                Self { size: size + oversample - 1, oversample: 1, aperture_um: cell_um, ..*self }
+            }
+            false => *self,
+        }
+    }
+
     /// Offset of the pixel centre for a kernel index, µm.
     fn offset_um(&self, index: usize) -> f64 {
         (index as f64 - self.before as f64 + (self.oversample as f64 - 1.0) / 2.0) * self.cell_um
@@ -254,23 +285,49 @@ impl KernelGrid {
     }
 }
 
-/// Point values of sum 1 from light per cell.
-fn normalised(sums: &[f64], n: usize) -> Vec<f32> {
-    let sharp = sharpen(sums, n);
-    let total: f64 = sharp.iter().sum();
-    sharp.iter().map(|v| (v / total) as f32).collect()
+/// Point values from averages over `n` x `n` cells, along rows and columns ([`FLOWS`]).
+fn sharpened(averages: &[f64], n: usize) -> Vec<f64> {
+    let mut rows = averages.to_vec();
+    rows.chunks_exact_mut(n).for_each(sharpen);
+    let mut turned = transposed(&rows, n);
+    turned.chunks_exact_mut(n).for_each(sharpen);
+    transposed(&turned, n)
 }
 
-/// [`POINT_FROM_AVERAGES`] along rows and columns; entries beyond the edge count as 0.
-fn sharpen(values: &[f64], n: usize) -> Vec<f64> {
-    let taps = |at: &dyn Fn(usize) -> f64, i: usize| -> f64 {
-        (0..5)
-            .filter(|t| (2..n + 2).contains(&(i + t)))
-            .map(|t| POINT_FROM_AVERAGES[t] * at(i + t - 2))
-            .sum()
+fn transposed(values: &[f64], n: usize) -> Vec<f64> {
+    (0..n * n).map(|k| values[k % n * n + k / n]).collect()
+}
+
+fn sharpen(line: &mut [f64]) {
+    let at = |i: usize| i.checked_sub(1).and_then(|i| line.get(i)).copied().unwrap_or(0.0);
+    // From cell i to the next; places of `at` count from the cell before the first.
+    let flow = |i: usize| FLOWS[0] * (at(i + 2) - at(i + 1)) + FLOWS[1] * (at(i + 3) - at(i));
+    let mut flows: Vec<f64> = (0..line.len().saturating_sub(1)).map(flow).collect();
+    let before = |flows: &[f64], i: usize| if i > 0 { flows[i - 1] } else { 0.0 };
+    let shares: Vec<f64> = (0..line.len())
+        .map(|i| {
+            let after = flows.get(i).copied().unwrap_or(0.0);
+            let given = after.max(0.0) - before(&flows, i).min(0.0);
+            if given > line[i] { line[i] / given } else { 1.0 }
+        })
+        .collect();
+    for (i, flow) in flows.iter_mut().enumerate() {
+        *flow *= shares[if *flow > 0.0 { i } else { i + 1 }];
+    }
+    for (i, value) in line.iter_mut().enumerate() {
+        let after = flows.get(i).copied().unwrap_or(0.0);
+        *value = (*value + before(&flows, i) - after).max(0.0);
+    }
+}
+
+/// Sums over squares of `side` of `n` x `n` values, wherever they lie whole.
+fn box_sums(values: &[f64], n: usize, side: usize) -> Vec<f64> {
+    let size = n + 1 - side;
+    let sum = |k: usize| {
+        let corner = k / size * n + k % size;
+        (0..side).map(|j| values[corner + j * n..][..side].iter().sum::<f64>()).sum()
     };
-    let rows: Vec<f64> = (0..n * n).map(|k| taps(&|x| values[k / n * n + x], k % n)).collect();
-    (0..n * n).map(|k| taps(&|y| rows[y * n + k % n], k / n)).collect()
+    (0..size * size).map(sum).collect()
 }
 
 #[cfg(test)]
@@ -342,10 +399,41 @@ mod tests {
         let average = |i: f64| ((i + 0.5).powi(5) - (i - 0.5).powi(5)) / 5.0;
         let n = 17;
         let values: Vec<f64> = (0..n * n).map(|k| average((k % n) as f64 - 8.0)).collect();
-        let sharp = sharpen(&values, n);
+        let sharp = sharpened(&values, n);
         for x in 3..14 {
             let exact = (x as f64 - 8.0).powi(4);
             assert!((sharp[8 * n + x] - exact).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn kernels_of_any_ratio_of_psf_to_pixel_are_not_negative_and_keep_all_light() {
+        // Whole pixels: cells of every place within a pixel give the pixels together all of their
+        // light. Others: as much on the average.
+        for sigma in [0.05, 0.2, 0.4, 0.7, 1.1, 1.7, 2.9, 5.0, 11.0] {
+            let field = gaussian(64, 0.25 * sigma, sigma, 0.8 * sigma, 0.3 * sigma);
+            for (s, pitch) in [(1, 6.0), (2, 2.0), (3, 6.0), (4, 30.0), (5, 6.0), (12, 30.0)] {
+                for fill in [1.0f64, 0.7] {
+                    let radius = field.radius_um(TAIL);
+                    let grid = KernelGrid::new(s, pitch, pitch * fill.sqrt(), radius);
+                    let kernel = field.kernel(0.3, 0.9, &grid);
+                    assert!(kernel.iter().all(|&v| v >= 0.0), "σ {sigma}, pitch {pitch}");
+                    let sum = |place: Option<(usize, usize)>| -> f64 {
+                        let all = kernel.iter().enumerate();
+                        let here = all.filter(|(k, _)| {
+                            let at = (k / grid.size % s, k % grid.size % s);
+                            place.is_none_or(|place| place == at)
+                        });
+                        here.map(|(_, &v)| f64::from(v)).sum()
+                    };
+                    assert!((sum(None) - 1.0).abs() < 1e-5);
+                    for k in (0..s * s).filter(|_| fill == 1.0) {
+                        let share = sum(Some((k / s, k % s))) * (s * s) as f64;
+                        // What the kernel's rim cuts, and f32.
+                        assert!((share - 1.0).abs() < 1e-4, "σ {sigma}, s {s}: {share}");
+                    }
+                }
+            }
         }
     }
 }

@@ -22,12 +22,13 @@ mod transfer;
 use super::SensorGrid;
 use super::sampling::Layout;
 use super::source::Source;
-use camrig_base::{Plane, Result};
-use camrig_fourier::lanes::{Fft, Lanes, Split};
+use camrig_base::{Error, Plane, Result};
+use camrig_fourier::lanes::{Fft, Lanes, Real, Split};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 use spectrum::{Alias, Aliases, Spectrum};
-use transfer::{Axis, Transfer};
+use std::sync::OnceLock;
+use transfer::{Axis, Kernel, Transfer};
 
 /// The spatial side of one band: sizes in µm, frequencies in cycles/mm.
 pub struct Geometry<'a> {
@@ -54,7 +55,10 @@ const VALUES: usize = 256 << 20;
 
 /// Memory that is kept from picture to picture.
 #[derive(Default)]
-pub struct Buffers(Spectrum);
+pub struct Buffers {
+    narrow: Spectrum<f32>,
+    wide: Spectrum<f64>,
+}
 
 /// Renders `source` through an OTF: mean radiance over each pixel's photosensitive square.
 ///
@@ -74,74 +78,129 @@ pub fn blur(
 /// inputs are transformed once, and so are outputs.
 pub struct Blurs {
     layout: Layout,
-    x: Axis,
-    y: Axis,
     aliases: Aliases,
     /// Per output, of every input.
-    transfers: Vec<Vec<Transfer>>,
+    kernels: Vec<Vec<Kernel>>,
+    narrow: Transfers<f32>,
+    /// For scenes of wide range, once there is one.
+    wide: OnceLock<Transfers<f64>>,
+    kept: bool,
+}
+
+/// The kernels' transfer functions in one arithmetic.
+struct Transfers<T> {
+    x: Axis<T>,
+    y: Axis<T>,
+    /// Per output, of every input.
+    all: Vec<Vec<Transfer<T>>>,
+}
+
+impl<T: Real> Transfers<T> {
+    fn new(layout: &Layout, kernels: &[Vec<Kernel>]) -> Self {
+        let x = Axis::new(layout.cells_across(), layout);
+        let y = Axis::new(layout.cells_down(), layout);
+        let of_output = |all: &Vec<Kernel>| all.iter().map(|k| Transfer::new(k, &x)).collect();
+        let all = kernels.iter().map(of_output).collect();
+        Self { x, y, all }
+    }
+
+    /// Keeps their values at every frequency, for many pictures, unless that would take more
+    /// memory than it is worth.
+    fn keep(&mut self, aliases: &Aliases) {
+        let pairs = self.all.iter().map(Vec::len).sum::<usize>();
+        if pairs * self.x.kept * self.y.kept * size_of::<T>() <= VALUES {
+            let all = self.all.iter_mut().flatten();
+            all.for_each(|transfer| transfer.keep(aliases, &self.y));
+        }
+    }
 }
 
 impl Blurs {
     /// Plans the blurs of a geometry; `otfs` has for every output one function per input.
     pub fn new(geometry: &Geometry, otfs: &[Vec<&dyn Fn(f64) -> f64>]) -> Self {
         let layout = *geometry.layout;
-        let x = Axis::new(layout.cells_across(), geometry);
-        let y = Axis::new(layout.cells_down(), geometry);
-        let aliases = Aliases::new(&layout, &x);
-        let transfer = |otf: &&dyn Fn(f64) -> f64| Transfer::new(otf, geometry, &x);
-        let transfers = otfs.iter().map(|all| all.iter().map(transfer).collect()).collect();
-        Self { layout, x, y, aliases, transfers }
+        let aliases = Aliases::new(&layout, transfer::kept(layout.cells_across(), &layout));
+        let kernel = |otf: &&dyn Fn(f64) -> f64| Kernel::new(otf, geometry);
+        let kernels: Vec<Vec<Kernel>> =
+            otfs.iter().map(|all| all.iter().map(kernel).collect()).collect();
+        let narrow = Transfers::new(&layout, &kernels);
+        Self { layout, aliases, kernels, narrow, wide: OnceLock::new(), kept: false }
     }
 
-    /// Keeps the transfer functions at every frequency, for many pictures, unless that would take
-    /// more memory than it is worth.
+    /// Keeps the transfer functions at every frequency, for many pictures, where there is room.
     pub fn kept(mut self) -> Self {
-        let pairs = self.transfers.iter().map(Vec::len).sum::<usize>();
-        if pairs * self.x.kept * self.y.kept * size_of::<f32>() <= VALUES {
-            let all = self.transfers.iter_mut().flatten();
-            all.for_each(|transfer| transfer.keep(&self.aliases, &self.y));
-        }
+        self.kept = true;
+        self.narrow.keep(&self.aliases);
         self
     }
 
-    /// The outputs of these inputs, as [`blur`] gives them.
+    /// The outputs of these inputs, as [`blur`] gives them; in f64 where the inputs have a wide
+    /// [`range`](super::range).
     ///
     /// # Errors
     /// Those of the scene, and values that are not finite.
     pub fn run(&self, sources: &[Source], buffers: &mut Buffers) -> Result<Vec<Plane<f32>>> {
-        let Self { layout, aliases, .. } = self;
-        let Buffers(spectrum) = buffers;
-        let outputs = 0..self.transfers.len();
-        let empty = || outputs.clone().map(|_| Split::zeros(layout.padded_height)).collect();
-        let mut sums: Vec<Vec<Split>> = aliases.batches.iter().map(|_| empty()).collect();
-        for (input, source) in sources.iter().enumerate() {
-            spectrum.fill(source, aliases, layout)?;
-            self.add_columns(spectrum, input, &mut sums);
+        if let Some(planes) = self.through(&self.narrow, sources, &mut buffers.narrow, false)? {
+            return Ok(planes);
         }
-        let backward = Fft::new(layout.padded_height);
+        let wide = self.wide.get_or_init(|| {
+            let mut wide = Transfers::new(&self.layout, &self.kernels);
+            if self.kept {
+                wide.keep(&self.aliases);
+            }
+            wide
+        });
+        let planes = self.through(wide, sources, &mut buffers.wide, true)?;
+        planes.ok_or_else(|| Error::internal("no arithmetic for a scene"))
+    }
+
+    /// The outputs, or nothing where an input has a wider range than is accepted.
+    fn through<T: Real>(
+        &self,
+        transfers: &Transfers<T>,
+        sources: &[Source],
+        spectrum: &mut Spectrum<T>,
+        accepts_wide: bool,
+    ) -> Result<Option<Vec<Plane<f32>>>> {
+        let Self { layout, aliases, .. } = self;
+        let outputs = 0..transfers.all.len();
+        let empty = || outputs.clone().map(|_| Split::zeros(layout.padded_height)).collect();
+        let mut sums: Vec<Vec<Split<T>>> = aliases.batches.iter().map(|_| empty()).collect();
+        for (input, source) in sources.iter().enumerate() {
+            let range = spectrum.fill(source, aliases, layout)?;
+            if range.is_wide() && !accepts_wide {
+                return Ok(None);
+            }
+            self.add_columns(transfers, spectrum, input, &mut sums);
+        }
+        let backward = Fft::<T>::new(layout.padded_height);
         sums.par_iter_mut().for_each_init(
             || Split::zeros(layout.padded_height),
             |spare, outputs| outputs.iter_mut().for_each(|sum| backward.backward(sum, spare)),
         );
-        Ok(outputs.map(|out| pixels::frame(&sums, out, layout)).collect())
+        Ok(Some(outputs.map(|out| pixels::frame(&sums, out, layout)).collect()))
     }
 
     /// Adds an input to the pixel grid's spectra: per batch of sixteen columns, of every output.
-    fn add_columns(&self, spectrum: &Spectrum, input: usize, sums: &mut [Vec<Split>]) {
-        let Self { layout, x, y, aliases, transfers } = self;
+    fn add_columns<T: Real>(
+        &self,
+        transfers: &Transfers<T>,
+        spectrum: &Spectrum<T>,
+        input: usize,
+        sums: &mut [Vec<Split<T>>],
+    ) {
+        let (Self { layout, aliases, .. }, Transfers { x, y, all }) = (self, transfers);
         let down = layout.cells_down();
-        let forward = Fft::new(down);
-        let kept = transfers.iter().all(|inputs| inputs[input].is_kept());
+        let forward = Fft::<T>::new(down);
+        let kept = all.iter().all(|inputs| inputs[input].is_kept());
         let gains = || Split::zeros(if kept { 0 } else { down });
         sums.par_iter_mut().zip(&aliases.batches).for_each_init(
-            || (Split::zeros(down), Split::zeros(down), vec![gains(); transfers.len()]),
+            || (Split::zeros(down), Split::zeros(down), vec![gains(); all.len()]),
             |(data, scratch, gains), (sums, batch)| {
                 for (n, i) in batch.clone().enumerate() {
                     spectrum.columns(i, aliases, data);
                     forward.forward(data, scratch);
-                    for ((sum, of_output), gains) in
-                        sums.iter_mut().zip(transfers).zip(&mut *gains)
-                    {
+                    for ((sum, of_output), gains) in sums.iter_mut().zip(all).zip(&mut *gains) {
                         let transfer = &of_output[input];
                         let gains = transfer.kept(i, y).unwrap_or_else(|| {
                             if n % 2 == 0 {
@@ -161,17 +220,23 @@ impl Blurs {
 /// Multiplies sixteen columns by `gains`, the transfer function at every kept frequency along y,
 /// and adds them to the pixel grid's.
 #[vectorised]
-fn fold(data: &Split, alias: &Alias, (x, y): (&Axis, &Axis), gains: &[Lanes], folded: &mut Split) {
-    let at = |values: &dyn Fn(usize) -> f32| {
-        let mut out = Lanes::ZERO;
+fn fold<T: Real>(
+    data: &Split<T>,
+    alias: &Alias,
+    (x, y): (&Axis<T>, &Axis<T>),
+    gains: &[Lanes<T>],
+    folded: &mut Split<T>,
+) {
+    let at = |values: &dyn Fn(usize) -> T| {
+        let mut out = Lanes::<T>::ZERO;
         for (o, k) in out.0.iter_mut().zip(&alias.lanes) {
-            *o = k.map_or(0.0, values);
+            *o = k.map_or(T::ZERO, values);
         }
         out
     };
     let (cx, sx) = (at(&|k| x.phase[k].0), at(&|k| x.phase[k].1));
     // The mirror image of X(kx, ky) is its conjugate at (−kx, −ky).
-    let conjugate = if alias.mirrored { -1.0 } else { 1.0 };
+    let conjugate = T::of(if alias.mirrored { -1.0 } else { 1.0 });
     let pixels = folded.re.len();
     for (ky, (gain, &(cy, sy))) in gains.iter().zip(&y.phase).enumerate() {
         for negative in [false, true] {

@@ -3,16 +3,16 @@
 use super::spectrum::BLOCK;
 use crate::engine::sampling::Layout;
 use camrig_base::Plane;
-use camrig_fourier::lanes::{Fft, LANES, Lanes, Split, transpose};
+use camrig_fourier::lanes::{Fft, LANES, Lanes, Real, Split, transpose};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 
 /// The frame's rows of an output, whose columns are back in space; `batches` holds every sixteen
 /// horizontal frequencies of every output.
-pub fn frame(batches: &[Vec<Split>], output: usize, layout: &Layout) -> Plane<f32> {
+pub fn frame<T: Real>(batches: &[Vec<Split<T>>], output: usize, layout: &Layout) -> Plane<f32> {
     let (pixels, width) = (layout.padded_width, layout.width);
-    let fft = Fft::new(pixels);
-    let scale = (1.0 / (layout.cells_across() as f64 * layout.cells_down() as f64)) as f32;
+    let fft = Fft::<T>::new(pixels);
+    let scale = T::of(1.0 / (layout.cells_across() as f64 * layout.cells_down() as f64));
     let mut plane = Plane::filled(width, layout.height, 0.0);
     plane.data.par_chunks_mut(BLOCK * width).enumerate().for_each_init(
         || (Split::zeros(pixels), Split::zeros(pixels)),
@@ -27,14 +27,19 @@ pub fn frame(batches: &[Vec<Split>], output: usize, layout: &Layout) -> Plane<f3
 
 /// The spectra of 32 real rows from `first` on: of the first sixteen plus i times the others.
 #[vectorised]
-fn load_rows(batches: &[Vec<Split>], output: usize, first: usize, data: &mut Split) {
+fn load_rows<T: Real>(
+    batches: &[Vec<Split<T>>],
+    output: usize,
+    first: usize,
+    data: &mut Split<T>,
+) {
     let pixels = data.re.len();
     for (b, batch) in batches.iter().enumerate() {
         let Split { re, im } = &batch[output];
-        let rows = |part: &[Lanes], from: usize| {
-            let block: [Lanes; LANES] =
-                std::array::from_fn(|r| part.get(from + r).copied().unwrap_or(Lanes::ZERO));
-            let mut turned = [Lanes::ZERO; LANES];
+        let rows = |part: &[Lanes<T>], from: usize| {
+            let block: [Lanes<T>; LANES] =
+                std::array::from_fn(|r| part.get(from + r).copied().unwrap_or(Lanes::<T>::ZERO));
+            let mut turned = [Lanes::<T>::ZERO; LANES];
             transpose(&block, &mut turned);
             turned
         };
@@ -56,18 +61,24 @@ fn load_rows(batches: &[Vec<Split>], output: usize, first: usize, data: &mut Spl
 
 /// The frame's part, from column `left` on, of up to 32 rows of that width.
 #[vectorised]
-fn store_rows(data: &Split, left: usize, scale: f32, (rows, width): (&mut [f32], usize)) {
+fn store_rows<T: Real>(
+    data: &Split<T>,
+    left: usize,
+    scale: T,
+    (rows, width): (&mut [f32], usize),
+) {
     for x in (0..width).step_by(LANES) {
         let count = LANES.min(width - x);
         for (part, first) in [(&data.re, 0), (&data.im, LANES)] {
             let columns = &part[left + x..left + x + count];
-            let block: [Lanes; LANES] =
-                std::array::from_fn(|l| columns.get(l).map_or(Lanes::ZERO, |c| c.times(scale)));
-            let mut turned = [Lanes::ZERO; LANES];
+            let block: [Lanes<T>; LANES] = std::array::from_fn(|l| {
+                columns.get(l).map_or(Lanes::<T>::ZERO, |c| c.times(scale))
+            });
+            let mut turned = [Lanes::<T>::ZERO; LANES];
             transpose(&block, &mut turned);
             let targets = rows.chunks_exact_mut(width).skip(first);
             for (row, values) in targets.zip(&turned) {
-                row[x..x + count].copy_from_slice(&values.0[..count]);
+                row[x..x + count].iter_mut().zip(values.0).for_each(|(p, v)| *p = v.narrow());
             }
         }
     }

@@ -1,10 +1,10 @@
 //! The scene's cells, transformed along their rows and laid out for the transforms along columns.
 
-use super::Axis;
+use crate::engine::range::Range as Values;
 use crate::engine::sampling::Layout;
 use crate::engine::source::Source;
 use camrig_base::{Error, Result};
-use camrig_fourier::lanes::{Fft, LANES, Lanes, Split, transpose};
+use camrig_fourier::lanes::{Fft, LANES, Lanes, Real, Split, transpose};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -30,13 +30,13 @@ pub struct Aliases {
 }
 
 impl Aliases {
-    pub fn new(layout: &Layout, x: &Axis) -> Self {
+    pub fn new(layout: &Layout, kept: usize) -> Self {
         let pixels = layout.padded_width;
         let outputs = pixels / 2 + 1;
         let (mut all, mut batches) = (Vec::new(), Vec::new());
         for first in (0..outputs).step_by(LANES) {
             let start = all.len();
-            all.extend(Alias::of_batch(first, outputs, pixels, x.kept));
+            all.extend(Alias::of_batch(first, outputs, pixels, kept));
             batches.push(start..all.len());
         }
         Self { all, batches }
@@ -65,32 +65,38 @@ impl Alias {
 
 /// A padded cell grid, transformed along its rows: strip by strip, of each alias by alias the
 /// strip's rows. Memory is kept from picture to picture.
-#[derive(Default)]
-pub struct Spectrum {
-    re: Vec<Lanes>,
-    im: Vec<Lanes>,
+pub struct Spectrum<T> {
+    re: Vec<Lanes<T>>,
+    im: Vec<Lanes<T>>,
 }
 
-impl Spectrum {
-    /// Transforms the rows of a scene on the cells of `layout`, in place of those before.
+impl<T> Default for Spectrum<T> {
+    fn default() -> Self {
+        Self { re: Vec::new(), im: Vec::new() }
+    }
+}
+
+impl<T: Real> Spectrum<T> {
+    /// Transforms the rows of a scene on the cells of `layout`, in place of those before; the
+    /// range of its values.
     ///
     /// # Errors
     /// Those of the scene, and values that are not finite.
-    pub fn fill(&mut self, source: &Source, aliases: &Aliases, layout: &Layout) -> Result<()> {
+    pub fn fill(&mut self, source: &Source, aliases: &Aliases, layout: &Layout) -> Result<Values> {
         let (across, down) = (layout.cells_across(), layout.cells_down());
-        let fft = Fft::new(across);
+        let fft = Fft::<T>::new(across);
         let strip = aliases.all.len() * STRIP;
         let needed = down.div_ceil(STRIP) * strip;
         if self.re.len() < needed {
-            self.re.resize(needed, Lanes::ZERO);
-            self.im.resize(needed, Lanes::ZERO);
+            self.re.resize(needed, Lanes::<T>::ZERO);
+            self.im.resize(needed, Lanes::<T>::ZERO);
         }
         let strips = self.re[..needed]
             .par_chunks_exact_mut(strip)
             .zip(self.im[..needed].par_chunks_exact_mut(strip));
-        strips.enumerate().try_for_each_init(
+        let ranges = strips.enumerate().map_init(
             || (Split::zeros(across), Split::zeros(across)),
-            |(data, scratch), (i, (re, im))| -> Result<()> {
+            |(data, scratch), (i, (re, im))| -> Result<Values> {
                 let rows = STRIP.min(down - i * STRIP);
                 let cells = source.rows(i * STRIP, rows)?;
                 check(&cells.data)?;
@@ -99,13 +105,14 @@ impl Spectrum {
                     fft.forward(data, scratch);
                     store_rows(data, &aliases.all, block * BLOCK, re, im);
                 }
-                Ok(())
+                Ok(Values::of(&cells.data))
             },
-        )
+        );
+        Ok(ranges.collect::<Result<Vec<_>>>()?.into_iter().fold(Values::default(), Values::join))
     }
 
     /// The columns of one of `aliases`, as many rows as `data` has.
-    pub fn columns(&self, alias: usize, aliases: &Aliases, data: &mut Split) {
+    pub fn columns(&self, alias: usize, aliases: &Aliases, data: &mut Split<T>) {
         for (from, to) in [(&self.re, &mut data.re), (&self.im, &mut data.im)] {
             for (i, rows) in to.chunks_mut(STRIP).enumerate() {
                 let first = (i * aliases.all.len() + alias) * STRIP;
@@ -126,14 +133,14 @@ fn check(cells: &[f32]) -> Result<()> {
 
 /// Up to 32 real rows into sixteen complex sequences.
 #[vectorised]
-fn load_rows(rows: &[f32], data: &mut Split) {
+fn load_rows<T: Real>(rows: &[f32], data: &mut Split<T>) {
     let across = data.re.len();
     let row = |r: usize| rows.get(r * across..(r + 1) * across).unwrap_or_default();
     for (part, first) in [(&mut data.re, 0), (&mut data.im, LANES)] {
         for (i, columns) in part.chunks_mut(LANES).enumerate() {
-            let block: [Lanes; LANES] =
+            let block: [Lanes<T>; LANES] =
                 std::array::from_fn(|r| Lanes::of_row(row(first + r), i * LANES));
-            let mut turned = [Lanes::ZERO; LANES];
+            let mut turned = [Lanes::<T>::ZERO; LANES];
             transpose(&block, &mut turned);
             columns.copy_from_slice(&turned[..columns.len()]);
         }
@@ -143,19 +150,26 @@ fn load_rows(rows: &[f32], data: &mut Split) {
 /// Takes the spectra of both rows of each sequence apart, and stores every alias of them as rows
 /// from `first` on of a strip.
 #[vectorised]
-fn store_rows(data: &Split, aliases: &[Alias], first: usize, re: &mut [Lanes], im: &mut [Lanes]) {
+fn store_rows<T: Real>(
+    data: &Split<T>,
+    aliases: &[Alias],
+    first: usize,
+    re: &mut [Lanes<T>],
+    im: &mut [Lanes<T>],
+) {
+    let half = T::of(0.5);
     let n = data.re.len();
     for (i, alias) in aliases.iter().enumerate() {
-        let mut parts = [[Lanes::ZERO; LANES]; 4];
+        let mut parts = [[Lanes::<T>::ZERO; LANES]; 4];
         for (l, k) in alias.lanes.iter().enumerate() {
             let Some(k) = *k else { continue };
             let mirror = if k == 0 { 0 } else { n - k };
             let (zr, zi) = (data.re[k], data.im[k]);
             let (mr, mi) = (data.re[mirror], data.im[mirror]);
-            parts[0][l] = zr.plus(mr).times(0.5);
-            parts[1][l] = zi.minus(mi).times(0.5);
-            parts[2][l] = zi.plus(mi).times(0.5);
-            parts[3][l] = mr.minus(zr).times(0.5);
+            parts[0][l] = zr.plus(mr).times(half);
+            parts[1][l] = zi.minus(mi).times(half);
+            parts[2][l] = zi.plus(mi).times(half);
+            parts[3][l] = mr.minus(zr).times(half);
         }
         let at = i * STRIP + first;
         let (upper, lower) = (at..at + LANES, at + LANES..at + BLOCK);

@@ -10,39 +10,44 @@
 
 use super::Geometry;
 use super::spectrum::{Alias, Aliases};
-use crate::engine::sampling::sinc;
-use camrig_fourier::lanes::{Fft, LANES, Lanes, Split};
+use crate::engine::sampling::{Layout, sinc};
+use camrig_fourier::lanes::{Fft, LANES, Lanes, Real, Split};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// One direction of the cell grid.
-pub struct Axis {
+pub struct Axis<T> {
     /// Cells.
     pub cells: usize,
     /// Frequencies kept, from 0: all, but without the last of an even number of cells per pixel,
     /// whose pixel centres it has its zeros on.
     pub kept: usize,
     /// Per kept frequency cos and sin of the phase towards the pixel centre.
-    pub phase: Vec<(f32, f32)>,
-    fft: Fft,
+    pub phase: Vec<(T, T)>,
+    fft: Fft<T>,
     /// Of kernels whose centre lies between two cells: per kept frequency cos and sin of the phase
     /// of half a cell.
-    half_cell: Option<Vec<(f32, f32)>>,
+    half_cell: Option<Vec<(T, T)>>,
 }
 
-impl Axis {
-    pub fn new(cells: usize, geometry: &Geometry) -> Self {
-        let s = geometry.layout.oversample;
-        let kept = cells / 2 + s % 2;
+/// Frequencies of `cells` that are kept, from 0.
+pub fn kept(cells: usize, layout: &Layout) -> usize {
+    cells / 2 + layout.oversample % 2
+}
+
+impl<T: Real> Axis<T> {
+    pub fn new(cells: usize, layout: &Layout) -> Self {
+        let s = layout.oversample;
+        let kept = kept(cells, layout);
         let phases = |half_cells: usize| {
             let phase = |k: usize| {
                 let (sin, cos) = libm::sincos(PI * (k * half_cells) as f64 / cells as f64);
-                (cos as f32, sin as f32)
+                (T::of(cos), T::of(sin))
             };
             (0..kept).map(phase).collect()
         };
-        let between = geometry.layout.support().is_multiple_of(2);
+        let between = layout.support().is_multiple_of(2);
         Self {
             cells,
             kept,
@@ -55,7 +60,7 @@ impl Axis {
     /// Transforms even kernels: `half` gives their values from the centre outwards, in the real
     /// and the imaginary part of every lane another. The transforms are left in `data`, at the
     /// kept frequencies.
-    fn transform(&self, half: &[[Lanes; 2]], data: &mut Split, scratch: &mut Split) {
+    fn transform(&self, half: &[[Lanes<T>; 2]], data: &mut Split<T>, scratch: &mut Split<T>) {
         data.clear();
         let beyond = if self.half_cell.is_some() { self.cells - 1 } else { self.cells };
         for (i, [re, im]) in half.iter().enumerate() {
@@ -72,46 +77,30 @@ impl Axis {
         if 2 * (self.kept - 1) == self.cells {
             // The grid's Nyquist frequency is met twice, as positive and as negative one.
             for part in [&mut data.re, &mut data.im] {
-                part[self.kept - 1] = part[self.kept - 1].times(0.5);
+                part[self.kept - 1] = part[self.kept - 1].times(T::of(0.5));
             }
         }
     }
 }
 
 /// The transfer function T that [`super`] defines.
-pub struct Transfer {
+pub struct Transfer<T> {
     /// Per row of the kernel, from its centre outwards, the transform along x at every kept
     /// frequency.
-    rows: Vec<Vec<f32>>,
+    rows: Vec<Vec<T>>,
     /// Alias by alias, the values at every kept frequency along y, where they are kept for many
     /// pictures.
-    values: Option<Vec<Lanes>>,
+    values: Option<Vec<Lanes<T>>>,
 }
 
-impl Transfer {
-    pub fn new(otf: &dyn Fn(f64) -> f64, geometry: &Geometry, x: &Axis) -> Self {
-        let layout = geometry.layout;
-        let support = layout.support();
-        let cell_mm = geometry.pitch_um * 1e-3 / layout.oversample as f64;
-        let step = 1.0 / (support as f64 * cell_mm);
-        let passed = (geometry.cutoff_per_mm / step).ceil() as usize;
-        let terms = ((support - 1) / 2 + 1).min(passed).max(1);
-        let gain = |k: usize| {
-            let f = k as f64 * step;
-            sinc(geometry.aperture_um * 1e-3 * f) / sinc(cell_mm * f)
-        };
-        let samples: Vec<f64> = (0..terms * terms)
-            .map(|k| {
-                let (i, j) = (k / terms, k % terms);
-                gain(i) * gain(j) * otf(step * libm::hypot(i as f64, j as f64))
-            })
-            .collect();
-        Self { rows: along_x(&kernel(&samples, terms, support), x), values: None }
+impl<T: Real> Transfer<T> {
+    pub fn new(kernel: &Kernel, x: &Axis<T>) -> Self {
+        Self { rows: along_x(&kernel.0, x), values: None }
     }
 
     /// Tabulates its values at all frequencies.
-    pub fn keep(&mut self, aliases: &Aliases, y: &Axis) {
-        let mut values = vec![Lanes::ZERO; aliases.all.len() * y.kept];
+    pub fn keep(&mut self, aliases: &Aliases, y: &Axis<T>) {
+        let mut values = vec![Lanes::<T>::ZERO; aliases.all.len() * y.kept];
         values.par_chunks_mut(2 * y.kept).zip(aliases.all.par_chunks(2)).for_each_init(
             || (Split::zeros(y.cells), Split::zeros(y.cells)),
             |(gains, scratch), (values, pair)| {
@@ -129,20 +118,52 @@ impl Transfer {
     }
 
     /// Its values along y at the horizontal frequencies of an alias, where they are kept.
-    pub fn kept(&self, alias: usize, y: &Axis) -> Option<&[Lanes]> {
+    pub fn kept(&self, alias: usize, y: &Axis<T>) -> Option<&[Lanes<T>]> {
         self.values.as_ref().map(|values| &values[alias * y.kept..(alias + 1) * y.kept])
     }
 
     /// Its values along y at the horizontal frequencies of one or two aliases, into the real and
     /// the imaginary parts of `gains`.
-    pub fn along_y(&self, pair: &[Alias], y: &Axis, gains: &mut Split, scratch: &mut Split) {
-        let at = |row: &Vec<f32>, alias: Option<&Alias>| {
-            alias
-                .map_or(Lanes::ZERO, |alias| Lanes(alias.lanes.map(|k| k.map_or(0.0, |k| row[k]))))
+    pub fn along_y(
+        &self,
+        pair: &[Alias],
+        y: &Axis<T>,
+        gains: &mut Split<T>,
+        scratch: &mut Split<T>,
+    ) {
+        let at = |row: &Vec<T>, alias: Option<&Alias>| {
+            alias.map_or(Lanes::<T>::ZERO, |alias| {
+                Lanes(alias.lanes.map(|k| k.map_or(T::ZERO, |k| row[k])))
+            })
         };
-        let half: Vec<[Lanes; 2]> =
+        let half: Vec<[Lanes<T>; 2]> =
             self.rows.iter().map(|row| [at(row, pair.first()), at(row, pair.get(1))]).collect();
         y.transform(&half, gains, scratch);
+    }
+}
+
+/// The kernel that [`super`] defines: a quadrant, from the centre outwards, row by row.
+pub struct Kernel(Vec<Vec<f64>>);
+
+impl Kernel {
+    pub fn new(otf: &dyn Fn(f64) -> f64, geometry: &Geometry) -> Self {
+        let layout = geometry.layout;
+        let support = layout.support();
+        let cell_mm = geometry.pitch_um * 1e-3 / layout.oversample as f64;
+        let step = 1.0 / (support as f64 * cell_mm);
+        let passed = (geometry.cutoff_per_mm / step).ceil() as usize;
+        let terms = ((support - 1) / 2 + 1).min(passed).max(1);
+        let gain = |k: usize| {
+            let f = k as f64 * step;
+            sinc(geometry.aperture_um * 1e-3 * f) / sinc(cell_mm * f)
+        };
+        let samples: Vec<f64> = (0..terms * terms)
+            .map(|k| {
+                let (i, j) = (k / terms, k % terms);
+                gain(i) * gain(j) * otf(step * libm::hypot(i as f64, j as f64))
+            })
+            .collect();
+        Self(kernel(&samples, terms, support))
     }
 }
 
@@ -177,21 +198,23 @@ fn combined(weights: &[f64], rows: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// Transforms the rows of a kernel, thirty-two at once.
-fn along_x(kernel: &[Vec<f64>], x: &Axis) -> Vec<Vec<f32>> {
+fn along_x<T: Real>(kernel: &[Vec<f64>], x: &Axis<T>) -> Vec<Vec<T>> {
     let blocks = kernel.par_chunks(2 * LANES).map_init(
         || (Split::zeros(x.cells), Split::zeros(x.cells)),
         |(data, scratch), rows| {
             let at = |i: usize, first: usize| {
-                Lanes(std::array::from_fn(|l| rows.get(first + l).map_or(0.0, |r| r[i] as f32)))
+                Lanes(std::array::from_fn(|l| {
+                    rows.get(first + l).map_or(T::ZERO, |r| T::of(r[i]))
+                }))
             };
-            let half: Vec<[Lanes; 2]> =
+            let half: Vec<[Lanes<T>; 2]> =
                 (0..kernel.len()).map(|i| [at(i, 0), at(i, LANES)]).collect();
             x.transform(&half, data, scratch);
             let row = |r: usize| {
                 let part = if r < LANES { &data.re } else { &data.im };
                 part[..x.kept].iter().map(|v| v.0[r % LANES]).collect()
             };
-            (0..rows.len()).map(row).collect::<Vec<Vec<f32>>>()
+            (0..rows.len()).map(row).collect::<Vec<Vec<T>>>()
         },
     );
     blocks.flatten().collect()

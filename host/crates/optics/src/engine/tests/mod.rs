@@ -6,6 +6,7 @@ use camrig_testing::shared;
 use std::f64::consts::PI;
 
 mod placement;
+mod range;
 
 /// A scene given by its exact cell averages in one or more bands.
 struct Exact<F> {

@@ -22,8 +22,9 @@
 
 mod tile;
 
+use super::range::Range as Values;
 use camrig_base::{Plane, Result};
-use camrig_fourier::lanes::{LANES, good_length, passes};
+use camrig_fourier::lanes::{LANES, Real, good_length, passes};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -34,6 +35,7 @@ use tile::{BlurTile, Plan, Spectrum, TransformKernel};
 /// Entry (i, j) of a kernel is the fraction of a cell's light that a pixel receives whose centre
 /// lies i − [`Tiling::before`] (rows) and j − `before` (columns) cells from the cell, counted as
 /// s·(pixel index) − (cell index).
+#[derive(Clone)]
 pub struct Kernels {
     /// Entries per side.
     pub size: usize,
@@ -143,8 +145,15 @@ impl Kernels {
 
 /// Blurs bands of one tiling; keeps its plans and buffers from band to band.
 pub struct Blurrer {
-    plan: Plan,
-    spectra: Vec<Spectrum>,
+    narrow: Transforms<f32>,
+    /// For scenes of wide range, once there is one.
+    wide: Option<Box<Transforms<f64>>>,
+}
+
+/// Plans and buffers of one arithmetic.
+struct Transforms<T> {
+    plan: Plan<T>,
+    spectra: Vec<Spectrum<T>>,
     /// Buffers of finished strips, for reuse.
     spare: Vec<Vec<Plane<f32>>>,
 }
@@ -173,30 +182,22 @@ pub enum Pairs<'a> {
 
 /// Kernels transformed at every node, to blur many pictures.
 pub struct Transformed {
-    outputs: usize,
-    spectra: Vec<Spectrum>,
-}
-
-impl Pairs<'_> {
-    fn outputs(&self) -> usize {
-        match self {
-            Self::Kernels(kernels) => kernels.len(),
-            Self::Transformed(transformed) => transformed.outputs,
-        }
-    }
+    /// `[output][input]`.
+    kernels: Vec<Vec<Kernels>>,
+    spectra: Vec<Spectrum<f32>>,
 }
 
 impl Blurrer {
     /// Plans a tiling.
     #[must_use]
     pub fn new(tiling: &Tiling) -> Self {
-        Self { plan: Plan::new(tiling), spectra: Vec::new(), spare: Vec::new() }
+        Self { narrow: Transforms::new(tiling), wide: None }
     }
 
     /// The tiling it was planned for.
     #[must_use]
     pub fn tiling(&self) -> &Tiling {
-        &self.plan.tiling
+        &self.narrow.plan.tiling
     }
 
     /// Blurs the cell grid that `rows` gives with one kernel per node, and samples it at the pixel
@@ -221,19 +222,21 @@ impl Blurrer {
     /// memory than it is worth.
     #[must_use]
     pub fn transformed(&self, kernels: &[&[&Kernels]]) -> Option<Transformed> {
-        let plan = &self.plan;
+        let plan = &self.narrow.plan;
         let nodes = (plan.tiling.across() + 1) * (plan.tiling.down() + 1);
         let count = nodes * kernels.iter().map(|inputs| inputs.len()).sum::<usize>();
         if count * plan.spectrum_bytes() > SPECTRA {
             return None;
         }
-        let mut spectra: Vec<Spectrum> = (0..count).map(|_| plan.empty_spectrum()).collect();
+        let mut spectra: Vec<Spectrum<f32>> = (0..count).map(|_| plan.empty_spectrum()).collect();
         transform(plan, kernels, 0, &mut spectra);
-        Some(Transformed { outputs: kernels.len(), spectra })
+        let owned = |inputs: &&[&Kernels]| inputs.iter().map(|&k| k.clone()).collect();
+        Some(Transformed { kernels: kernels.iter().map(owned).collect(), spectra })
     }
 
     /// Blurs every input for every output and adds, each pair through its own kernels; then adds
     /// to plane p every output c times `weights[p][c]`. The planes are as large as the frame.
+    /// In f64 where the inputs have a wide [`range`](super::range).
     ///
     /// # Errors
     /// Those of the inputs.
@@ -245,14 +248,57 @@ impl Blurrer {
         weights: &[&[f32]],
         planes: &mut [Plane<f32>],
     ) -> Result<()> {
+        let place = Place { corner, weights };
+        let before = planes.to_vec();
+        let borrowed: Vec<Vec<&Kernels>>;
+        let all: Vec<&[&Kernels]>;
+        let (all, transformed) = match kernels {
+            Pairs::Kernels(all) => (all, None),
+            Pairs::Transformed(transformed) => {
+                borrowed = transformed.kernels.iter().map(|k| k.iter().collect()).collect();
+                all = borrowed.iter().map(Vec::as_slice).collect();
+                (&*all, Some(&*transformed.spectra))
+            }
+        };
+        if self.narrow.add(inputs, all, transformed, &place, planes)?.is_wide() {
+            planes.clone_from_slice(&before);
+            let tiling = *self.tiling();
+            let wide = self.wide.get_or_insert_with(|| Box::new(Transforms::new(&tiling)));
+            wide.add(inputs, all, None, &place, planes)?;
+        }
+        Ok(())
+    }
+}
+
+/// Where outputs go.
+struct Place<'a> {
+    /// The frame's left and top edge in the padded grid, pixels.
+    corner: (usize, usize),
+    weights: &'a [&'a [f32]],
+}
+
+impl<T: Real> Transforms<T> {
+    fn new(tiling: &Tiling) -> Self {
+        Self { plan: Plan::new(tiling), spectra: Vec::new(), spare: Vec::new() }
+    }
+
+    /// As [`Blurrer::add`], in this arithmetic; the range of the inputs.
+    fn add(
+        &mut self,
+        inputs: &[&Rows<'_>],
+        kernels: &[&[&Kernels]],
+        transformed: Option<&[Spectrum<T>]>,
+        place: &Place<'_>,
+        planes: &mut [Plane<f32>],
+    ) -> Result<Values> {
         let Self { plan, spectra, spare } = self;
-        let (tiling, outputs) = (plan.tiling, kernels.outputs());
+        let (tiling, outputs) = (plan.tiling, kernels.len());
         let per_row = (tiling.across() + 1) * inputs.len() * outputs;
         // A few rows of tiles at a time bound the memory; they are added in order.
         let threads = rayon::current_num_threads();
-        let group = match kernels {
-            Pairs::Transformed(_) => 8 * threads,
-            Pairs::Kernels(_) => {
+        let group = match transformed {
+            Some(_) => 8 * threads,
+            None => {
                 let affordable = SPECTRA / (per_row * plan.spectrum_bytes());
                 let group = affordable.saturating_sub(1).clamp(threads, 2 * threads);
                 let rows_of_nodes = (group + 1).min(tiling.down() + 1);
@@ -263,13 +309,15 @@ impl Blurrer {
         // The first row of row j of tiles, pixels.
         let top = |j: usize| j * tiling.tile / tiling.oversample;
         let shift = tiling.before / tiling.oversample;
-        let place = Merge { corner: (corner.0 + shift, corner.1 + shift), weights };
+        let (left, top_edge) = (place.corner.0 + shift, place.corner.1 + shift);
+        let place = Place { corner: (left, top_edge), weights: place.weights };
+        let mut range = Values::default();
         let mut strips: VecDeque<Strip> = VecDeque::new();
         for start in (0..tiling.down()).step_by(group) {
             let end = tiling.down().min(start + group);
-            let spectra: &[Spectrum] = match kernels {
-                Pairs::Transformed(all) => &all.spectra[start * per_row..(end + 1) * per_row],
-                Pairs::Kernels(kernels) => {
+            let spectra: &[Spectrum<T>] = match transformed {
+                Some(all) => &all[start * per_row..(end + 1) * per_row],
+                None => {
                     // The last row of nodes of one group is the first of the next.
                     let known = usize::from(start > 0) * per_row;
                     (0..known).for_each(|i| spectra.swap(i, group * per_row + i));
@@ -283,14 +331,16 @@ impl Blurrer {
                 light: spare.pop().unwrap_or_default(),
             }));
             let new = strips.len() - (end - start);
-            strips.make_contiguous()[new..].par_iter_mut().enumerate().try_for_each_init(
+            let ranges = strips.make_contiguous()[new..].par_iter_mut().enumerate().map_init(
                 || plan.scratch(inputs.len(), outputs),
                 |scratch, (i, strip)| {
                     let nodes = &spectra[i * per_row..(i + 2) * per_row];
                     strip.light.resize_with(outputs, || plan.empty_strip());
                     fill(plan, start + i, inputs, nodes, scratch, &mut strip.light)
                 },
-            )?;
+            );
+            let ranges: Vec<Values> = ranges.collect::<Result<_>>()?;
+            range = ranges.into_iter().fold(range, Values::join);
             // Rows that no later strip reaches.
             let last = if end == tiling.down() { top(end) + tiling.reach() } else { top(end) };
             place.rows(strips.make_contiguous(), top(start)..last, planes);
@@ -298,15 +348,20 @@ impl Blurrer {
                 spare.extend(strips.pop_front().map(|strip| strip.light));
             }
         }
-        Ok(())
+        Ok(range)
     }
 }
 
 /// The spectra from number `first` on of kernels, `[output][input]`: node by node, of each all
 /// pairs.
-fn transform(plan: &Plan, kernels: &[&[&Kernels]], first: usize, spectra: &mut [Spectrum]) {
+fn transform<T: Real>(
+    plan: &Plan<T>,
+    kernels: &[&[&Kernels]],
+    first: usize,
+    spectra: &mut [Spectrum<T>],
+) {
     let pairs: Vec<&Kernels> = kernels.iter().flat_map(|inputs| inputs.iter().copied()).collect();
-    let of_pair = |scratch: &mut tile::Scratch, (i, spectrum): (usize, &mut Spectrum)| {
+    let of_pair = |scratch: &mut tile::Scratch<T>, (i, spectrum): (usize, &mut Spectrum<T>)| {
         let (node, pair) = ((first + i) / pairs.len(), (first + i) % pairs.len());
         let kernels = pairs[pair];
         let n2 = kernels.size * kernels.size;
@@ -316,14 +371,7 @@ fn transform(plan: &Plan, kernels: &[&[&Kernels]], first: usize, spectra: &mut [
     spectra.par_iter_mut().enumerate().for_each_init(|| plan.scratch(1, 0), of_pair);
 }
 
-/// Adds strips to planes.
-struct Merge<'a> {
-    /// The frame's left and top edge, pixels of the strips.
-    corner: (usize, usize),
-    weights: &'a [&'a [f32]],
-}
-
-impl Merge<'_> {
+impl Place<'_> {
     /// Adds the strips, in their order, to the planes' rows that lie in `rows` of the padded grid.
     fn rows(&self, strips: &[Strip], rows: Range<usize>, planes: &mut [Plane<f32>]) {
         let Some(Plane { width, height, .. }) = planes.first() else { return };
@@ -357,14 +405,14 @@ impl Merge<'_> {
 
 /// The light of row j of tiles in every output, from `before / s` pixels left of and above its
 /// corner on; `nodes` are the spectra of its two rows of nodes.
-fn fill(
-    plan: &Plan,
+fn fill<T: Real>(
+    plan: &Plan<T>,
     j: usize,
     inputs: &[&Rows<'_>],
-    nodes: &[Spectrum],
-    scratch: &mut tile::Scratch,
+    nodes: &[Spectrum<T>],
+    scratch: &mut tile::Scratch<T>,
     out: &mut [Plane<f32>],
-) -> Result<()> {
+) -> Result<Values> {
     let Tiling { tile, oversample, height, .. } = plan.tiling;
     let count = tile.min(height - j * tile);
     let sources: Result<Vec<Plane<f32>>> =
@@ -384,7 +432,8 @@ fn fill(
             place: i * tile / oversample,
         });
     }
-    Ok(())
+    let ranges = sources.iter().map(|plane| Values::of(&plane.data));
+    Ok(ranges.fold(Values::default(), Values::join))
 }
 
 #[cfg(test)]

@@ -182,3 +182,31 @@ fn spectral_components_give_what_the_bands_give() {
         assert!(worst < 1e-6, "{worst}");
     }
 }
+
+#[test]
+fn ripple_of_f32_is_what_the_range_allows() {
+    // A lamp of `side` cells in a plane of 10: what f32 adds to the dark cells, over the lamp.
+    let mut worst: f64 = 0.0;
+    for (n, tile, side) in [(64, 40, 1), (200, 96, 6), (400, 200, 30), (600, 500, 100)] {
+        let t = Tiling::new(1, (n, n), 9, 4, tile);
+        let nodes = (t.across() + 1) * (t.down() + 1);
+        let kernels = Kernels { size: 9, data: vec![1.0 / 81.0; nodes * 81] };
+        let lit = |i: usize| (n / 3..n / 3 + side).contains(&i);
+        let lamp = 1e9;
+        let source = Plane::from_fn(n, n, |x, y| if lit(x) && lit(y) { lamp } else { 10.0 });
+        let mut plane = [Plane::filled(n - 8, n - 8, 0.0)];
+        let place = Place { corner: (4, 4), weights: &[&[1.0]] };
+        let rows = rows_of(&source);
+        let range =
+            Transforms::<f32>::new(&t).add(&[&rows], &[&[&kernels]], None, &place, &mut plane);
+        assert!(range.unwrap().is_wide());
+        let near = |i: usize| (n / 3 - 4..n / 3 + side + 4).contains(&(i + 4));
+        for (k, v) in plane[0].data.iter().enumerate() {
+            if !(near(k % (n - 8)) && near(k / (n - 8))) {
+                worst = worst.max((f64::from(*v) - 10.0).abs() / f64::from(lamp));
+            }
+        }
+        println!("{n} cells, lamp of {side}: {worst:.1e}");
+    }
+    assert!(worst < super::super::range::RIPPLE, "{worst}");
+}

@@ -3,63 +3,62 @@
 use super::Tiling;
 use camrig_base::Plane;
 use camrig_fourier::lanes::{
-    Fft, KernelPart, LANES, Lanes, Products, Split, Weighted, registers, transpose, vectors,
-    vectors_mut,
+    Fft, KernelPart, LANES, Lanes, Products, Real, Split, Weighted, transpose,
 };
 use pulp::{Simd, WithSimd};
 
 /// The spectrum of a kernel: per sixteen vertical frequencies, all horizontal ones.
-pub struct Spectrum(Vec<Split>);
+pub struct Spectrum<T>(Vec<Split<T>>);
 
 /// Buffers of one worker.
-pub struct Scratch {
-    cells: Split,
-    cells_spare: Split,
+pub struct Scratch<T> {
+    cells: Split<T>,
+    cells_spare: Split<T>,
     /// Thirty-two columns of the result in each.
-    pixels: Vec<Split>,
-    pixels_spare: Split,
+    pixels: Vec<Split<T>>,
+    pixels_spare: Split<T>,
     /// The tile, sixteen columns after another.
-    columns: Vec<Lanes>,
-    halves: Vec<Halves>,
+    columns: Vec<Lanes<T>>,
+    halves: Vec<Halves<T>>,
     /// Of every output, sixteen vertical frequencies at a time.
-    sums: Vec<Split>,
+    sums: Vec<Split<T>>,
     /// Of every output, per sixteen vertical frequencies, the pixel columns of the result.
-    results: Vec<Vec<Split>>,
+    results: Vec<Vec<Split<T>>>,
 }
 
 /// An input, half transformed: per sixteen vertical frequencies (the lanes), its columns.
-struct Halves {
+struct Halves<T> {
     /// Weighted by 1−v.
-    upper: Split,
+    upper: Split<T>,
     /// Weighted by v.
-    lower: Split,
+    lower: Split<T>,
 }
 
-pub struct Plan {
+pub struct Plan<T> {
     pub tiling: Tiling,
-    cells: Fft,
-    pixels: Fft,
+    cells: Fft<T>,
+    pixels: Fft<T>,
     /// Vertical frequencies in batches of sixteen.
     batches: usize,
     /// Columns of input or kernel, in whole pairs of batches.
     columns: usize,
     /// Weight 1−t of every column of a tile.
-    left: Vec<f32>,
+    left: Vec<T>,
     /// Weight t.
-    right: Vec<f32>,
+    right: Vec<T>,
 }
 
-impl Plan {
+impl<T: Real> Plan<T> {
     /// Plans a tiling.
     pub fn new(tiling: &Tiling) -> Self {
-        let right: Vec<f32> = (0..tiling.tile).map(|i| tiling.fraction(i)).collect();
+        let right: Vec<T> = (0..tiling.tile).map(|i| T::wide(tiling.fraction(i))).collect();
         Self {
             tiling: *tiling,
             cells: Fft::new(tiling.length),
             pixels: Fft::new(tiling.length / tiling.oversample),
             batches: (tiling.length / 2 + 1).div_ceil(LANES),
             columns: tiling.tile.max(tiling.kernel).next_multiple_of(2 * LANES),
-            left: right.iter().map(|t| 1.0 - t).collect(),
+            left: right.iter().map(|&t| T::of(1.0) - t).collect(),
             right,
         }
     }
@@ -70,8 +69,8 @@ impl Plan {
     }
 
     /// Buffers for this many inputs and outputs.
-    pub fn scratch(&self, inputs: usize, outputs: usize) -> Scratch {
-        let zeros = Split::zeros;
+    pub fn scratch(&self, inputs: usize, outputs: usize) -> Scratch<T> {
+        let zeros = Split::<T>::zeros;
         let half = || zeros(self.batches * self.columns);
         Scratch {
             cells: zeros(self.cells.length()),
@@ -93,32 +92,32 @@ impl Plan {
     }
 
     /// An empty spectrum of a kernel.
-    pub fn empty_spectrum(&self) -> Spectrum {
+    pub fn empty_spectrum(&self) -> Spectrum<T> {
         Spectrum(vec![Split::zeros(self.tiling.length); self.batches])
     }
 
     /// Bytes of the spectrum of a kernel.
     pub fn spectrum_bytes(&self) -> usize {
-        2 * self.batches * self.tiling.length * size_of::<Lanes>()
+        2 * self.batches * self.tiling.length * size_of::<Lanes<T>>()
     }
 }
 
 /// Transforms a kernel, scaled so that forward and backward transforms together scale by 1.
-pub struct TransformKernel<'a> {
-    pub plan: &'a Plan,
+pub struct TransformKernel<'a, T> {
+    pub plan: &'a Plan<T>,
     pub kernel: &'a [f32],
-    pub scratch: &'a mut Scratch,
-    pub spectrum: &'a mut Spectrum,
+    pub scratch: &'a mut Scratch<T>,
+    pub spectrum: &'a mut Spectrum<T>,
 }
 
-impl WithSimd for TransformKernel<'_> {
+impl<T: Real> WithSimd for TransformKernel<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { plan, kernel, scratch, spectrum: Spectrum(spectrum) } = self;
         let (n, size) = (plan.tiling.length, plan.tiling.kernel);
-        let scale = 1.0 / (n * n) as f32;
+        let scale = T::of(1.0 / (n * n) as f64);
         let Scratch { cells, cells_spare, halves, .. } = scratch;
         let Halves { upper, lower } = &mut halves[0];
         for x in (0..size).step_by(2 * LANES) {
@@ -148,19 +147,19 @@ impl WithSimd for TransformKernel<'_> {
 }
 
 /// Adds the light of the tile at cell column `first` to every output from its column `place` on.
-pub struct BlurTile<'a> {
-    pub plan: &'a Plan,
+pub struct BlurTile<'a, T> {
+    pub plan: &'a Plan<T>,
     /// One strip per input.
     pub sources: &'a [Plane<f32>],
     pub first: usize,
     /// At every corner the spectra of all outputs, and of each those of all inputs.
-    pub corners: [&'a [Spectrum]; 4],
-    pub scratch: &'a mut Scratch,
+    pub corners: [&'a [Spectrum<T>]; 4],
+    pub scratch: &'a mut Scratch<T>,
     pub out: &'a mut [Plane<f32>],
     pub place: usize,
 }
 
-impl WithSimd for BlurTile<'_> {
+impl<T: Real> WithSimd for BlurTile<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -193,7 +192,7 @@ impl WithSimd for BlurTile<'_> {
                 for (corner, spectra) in corners.iter().enumerate() {
                     let half = if corner < 2 { upper } else { lower };
                     let weights = if corner % 2 == 0 { &plan.left } else { &plan.right };
-                    let kernels: Vec<KernelPart<'_>> = spectra
+                    let kernels: Vec<KernelPart<'_, T>> = spectra
                         .iter()
                         .skip(input)
                         .step_by(sources.len())
@@ -229,8 +228,8 @@ impl WithSimd for BlurTile<'_> {
                     let lanes = if block % 2 == 0 { re[y].0 } else { im[y].0 };
                     let old = written.saturating_sub(block * LANES).min(values.len());
                     let (added, new) = values.split_at_mut(old);
-                    added.iter_mut().zip(lanes).for_each(|(o, v)| *o += v);
-                    new.copy_from_slice(&lanes[old..old + new.len()]);
+                    added.iter_mut().zip(lanes).for_each(|(o, v)| *o += v.narrow());
+                    new.iter_mut().zip(&lanes[old..]).for_each(|(o, v)| *o = v.narrow());
                 }
             }
         }
@@ -241,32 +240,32 @@ impl WithSimd for BlurTile<'_> {
 /// turns them: from sixteen columns (lanes) to sixteen vertical frequencies (lanes) by columns x
 /// to x + 15.
 #[inline(always)]
-fn split_columns<S: Simd>(
+fn split_columns<S: Simd, T: Real>(
     simd: S,
-    both: &Split,
-    plan: &Plan,
+    both: &Split<T>,
+    plan: &Plan<T>,
     x: usize,
-    real: &mut Split,
-    imaginary: &mut Split,
+    real: &mut Split<T>,
+    imaginary: &mut Split<T>,
 ) {
-    let (n, w) = (both.re.len(), registers::<S>());
-    let (re, im) = (vectors::<S>(&both.re), vectors::<S>(&both.im));
-    let half = simd.splat_f32s(0.5);
+    let (n, w) = (both.re.len(), T::registers::<S>());
+    let (re, im) = (T::vectors::<S>(&both.re), T::vectors::<S>(&both.im));
+    let half = T::splat(simd, T::of(0.5));
     // Beyond the last frequency lanes hold what nobody reads.
-    let mut parts = [[Lanes::ZERO; LANES]; 4];
+    let mut parts = [[Lanes::<T>::ZERO; LANES]; 4];
     for b in 0..plan.batches {
         let [ar, ai, br, bi] = &mut parts;
-        let (ar, ai) = (vectors_mut::<S>(ar), vectors_mut::<S>(ai));
-        let (br, bi) = (vectors_mut::<S>(br), vectors_mut::<S>(bi));
+        let (ar, ai) = (T::vectors_mut::<S>(ar), T::vectors_mut::<S>(ai));
+        let (br, bi) = (T::vectors_mut::<S>(br), T::vectors_mut::<S>(bi));
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
             let k = b * LANES + i;
             let mirror = if k == 0 { 0 } else { n - k };
             for j in 0..w {
                 let (k, m, i) = (k * w + j, mirror * w + j, i * w + j);
-                ar[i] = simd.mul_f32s(half, simd.add_f32s(re[k], re[m]));
-                ai[i] = simd.mul_f32s(half, simd.sub_f32s(im[k], im[m]));
-                br[i] = simd.mul_f32s(half, simd.add_f32s(im[k], im[m]));
-                bi[i] = simd.mul_f32s(half, simd.sub_f32s(re[m], re[k]));
+                ar[i] = T::times(simd, half, T::plus(simd, re[k], re[m]));
+                ai[i] = T::times(simd, half, T::minus(simd, im[k], im[m]));
+                br[i] = T::times(simd, half, T::plus(simd, im[k], im[m]));
+                bi[i] = T::times(simd, half, T::minus(simd, re[m], re[k]));
             }
         }
         let at = b * plan.columns + x..b * plan.columns + x + LANES;
@@ -280,30 +279,36 @@ fn split_columns<S: Simd>(
 /// The inverse of [`split_columns`] for pixel columns x to x + 15 (real part) and x + 16 to x + 31
 /// (imaginary part), folding the vertical frequencies onto the pixel grid's.
 #[inline(always)]
-fn join_columns<S: Simd>(simd: S, result: &[Split], plan: &Plan, x: usize, pixels: &mut Split) {
-    let (n, count, w) = (plan.tiling.length, plan.pixels.length(), registers::<S>());
-    let (re, im) = (vectors_mut::<S>(&mut pixels.re), vectors_mut::<S>(&mut pixels.im));
-    let mut blocks = [[Lanes::ZERO; LANES]; 4];
+fn join_columns<S: Simd, T: Real>(
+    simd: S,
+    result: &[Split<T>],
+    plan: &Plan<T>,
+    x: usize,
+    pixels: &mut Split<T>,
+) {
+    let (n, count, w) = (plan.tiling.length, plan.pixels.length(), T::registers::<S>());
+    let (re, im) = (T::vectors_mut::<S>(&mut pixels.re), T::vectors_mut::<S>(&mut pixels.im));
+    let mut blocks = [[Lanes::<T>::ZERO; LANES]; 4];
     for (b, part) in result.iter().enumerate() {
         let [ar, ai, br, bi] = &mut blocks;
         transpose(&part.re[x..], ar);
         transpose(&part.im[x..], ai);
         transpose(&part.re[x + LANES..], br);
         transpose(&part.im[x + LANES..], bi);
-        let (ar, ai) = (vectors::<S>(ar), vectors::<S>(ai));
-        let (br, bi) = (vectors::<S>(br), vectors::<S>(bi));
+        let (ar, ai) = (T::vectors::<S>(ar), T::vectors::<S>(ai));
+        let (br, bi) = (T::vectors::<S>(br), T::vectors::<S>(bi));
         for i in 0..LANES.min(n / 2 + 1 - b * LANES) {
             let k = b * LANES + i;
             let place = k % count;
             let mirror = (count - place) % count;
             for j in 0..w {
                 let (p, m, i) = (place * w + j, mirror * w + j, i * w + j);
-                re[p] = simd.add_f32s(re[p], simd.sub_f32s(ar[i], bi[i]));
-                im[p] = simd.add_f32s(im[p], simd.add_f32s(ai[i], br[i]));
+                re[p] = T::plus(simd, re[p], T::minus(simd, ar[i], bi[i]));
+                im[p] = T::plus(simd, im[p], T::plus(simd, ai[i], br[i]));
                 if k > 0 && 2 * k < n {
                     // The negative frequency of a real column is the conjugate.
-                    re[m] = simd.add_f32s(re[m], simd.add_f32s(ar[i], bi[i]));
-                    im[m] = simd.add_f32s(im[m], simd.sub_f32s(br[i], ai[i]));
+                    re[m] = T::plus(simd, re[m], T::plus(simd, ar[i], bi[i]));
+                    im[m] = T::plus(simd, im[m], T::minus(simd, br[i], ai[i]));
                 }
             }
         }
@@ -313,13 +318,19 @@ fn join_columns<S: Simd>(simd: S, result: &[Split], plan: &Plan, x: usize, pixel
 /// Adds `parts` runs of `count` frequencies: those of the cell grid fall on those of the pixel
 /// grid.
 #[inline(always)]
-fn fold<S: Simd>(simd: S, spectrum: &Split, parts: usize, count: usize, folded: &mut Split) {
-    let run = count * registers::<S>();
+fn fold<S: Simd, T: Real>(
+    simd: S,
+    spectrum: &Split<T>,
+    parts: usize,
+    count: usize,
+    folded: &mut Split<T>,
+) {
+    let run = count * T::registers::<S>();
     for (from, to) in [(&spectrum.re, &mut folded.re), (&spectrum.im, &mut folded.im)] {
-        let (from, to) = (vectors::<S>(from), &mut vectors_mut::<S>(to)[..run]);
+        let (from, to) = (T::vectors::<S>(from), &mut T::vectors_mut::<S>(to)[..run]);
         to.copy_from_slice(&from[..run]);
         for part in from[run..parts * run].chunks_exact(run) {
-            to.iter_mut().zip(part).for_each(|(sum, &v)| *sum = simd.add_f32s(*sum, v));
+            to.iter_mut().zip(part).for_each(|(sum, &v)| *sum = T::plus(simd, *sum, v));
         }
     }
 }
