@@ -182,9 +182,13 @@ impl<'m> CameraStore<'m> {
                 Section::Readout(self.word16(2))
             }
             Section::Readout(bytes) if self.received == bytes => {
-                let readout = self.bytes.get(..bytes).map(postcard::from_bytes);
-                let readout: Readout = readout.and_then(Result::ok).ok_or(Refusal::BadCamera)?;
+                let readout = self.bytes.get(..bytes).ok_or(Refusal::BadCamera)?;
+                let (readout, rest): (Readout, _) =
+                    postcard::take_from_bytes(readout).map_err(|_| Refusal::BadCamera)?;
                 readout.check().map_err(|_| Refusal::BadCamera)?;
+                if !rest.is_empty() {
+                    return Err(Refusal::BadCamera);
+                }
                 self.readout = Some(readout);
                 Section::Length
             }

@@ -220,6 +220,11 @@ fn captures_that_do_not_fit_together_are_refused() {
     let whole = several(3, |_, _| {});
     let readout = usize::from(u16::from_le_bytes([whole[2], whole[3]]));
     let without_last = whole.len() - (whole.len() - 4 - readout) / 3;
+    // A byte that belongs to the readout and that nothing reads.
+    let mut longer = whole.clone();
+    longer.insert(4 + readout, 0);
+    longer[2..4].copy_from_slice(&(readout as u16 + 1).to_le_bytes());
+    assert_eq!(taken(3, &longer), Err(Refusal::BadCamera));
     for cut in [2, 4, 20, without_last - 1, without_last, without_last + 4, whole.len() - 1] {
         assert_eq!(taken(3, &whole[..cut]), Err(Refusal::BadCamera), "{cut} bytes");
     }

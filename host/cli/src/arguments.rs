@@ -387,8 +387,10 @@ impl FrameArgs {
 /// highlights saturate in any light, and a scene that is overexposed has more.
 pub const WARN_SATURATED: f64 = 1e-3;
 
-/// Prints what was written, and warns of saturation.
-pub fn report(written: &[Value], json_object: Value, as_json: bool) {
+/// Prints what was written, and warns of saturation: the `frames` of the JSON object of a command.
+pub fn report(object: &Value, as_json: bool) {
+    let written = object["frames"].as_array().map_or(&[][..], Vec::as_slice);
+    let file = |frame: &Value| frame["file"].as_str().unwrap_or("").to_string();
     for frame in written {
         let channels = frame["channels"].as_object();
         for (channel, figures) in channels.into_iter().flatten() {
@@ -397,18 +399,15 @@ pub fn report(written: &[Value], json_object: Value, as_json: bool) {
                 eprintln!(
                     "warning: {}: {:.1} % of channel {channel} is saturated; shorten the \
                      exposure or lower the light",
-                    frame["file"].as_str().unwrap_or(""),
+                    file(frame),
                     100.0 * saturated
                 );
             }
         }
     }
-    if as_json {
-        println!("{json_object}");
-    } else {
-        for frame in written {
-            eprintln!("wrote {}", frame["file"].as_str().unwrap_or(""));
-        }
+    match as_json {
+        true => println!("{object}"),
+        false => written.iter().for_each(|frame| eprintln!("wrote {}", file(frame))),
     }
 }
 

@@ -92,6 +92,6 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         "noise": camera.sensor.kept_noise.name(),
         "notes": notes.all(),
     });
-    arguments::report(&written, object, args.frames.json);
+    arguments::report(&object, args.frames.json);
     Ok(ExitCode::SUCCESS)
 }

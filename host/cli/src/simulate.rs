@@ -12,7 +12,7 @@ use camrig_exposure::CubeHeader;
 use camrig_optics::{Misplaced, NodeReport};
 use camrig_render::OpticsOutput;
 use camrig_report::simulation;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -51,6 +51,12 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
+    arguments::report(&written(args)?, args.frames.json);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the frames; what they are, for `--json`.
+pub fn written(args: &Args) -> Result<Value> {
     let until_over = args.view.sequence.is_sequence(&args.view.scene)?;
     if until_over && args.save_irradiance.is_some() {
         return Err(Error::unsupported("--save-irradiance of a sequence").help(
@@ -121,7 +127,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         let title = format!("{} through {}", args.view.scene, camera.name);
         simulation::page(&title, &camera, light.as_ref(), &settings, &made_of, frames)
     })?;
-    let object = json!({
+    Ok(json!({
         "camera": camera.name,
         "frames": written,
         "exposure_s": exposure_s,
@@ -146,9 +152,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             "lens_traced": lens_traced,
         },
         "notes": lights.notes(),
-    });
-    arguments::report(&written, object, frames.json);
-    Ok(ExitCode::SUCCESS)
+    }))
 }
 
 /// How PSFs were interpolated, for a report.

@@ -366,3 +366,42 @@ fn captures(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        frames: FrameArgs,
+    }
+
+    /// Frames of 500 lines of 20 µs; those of the longer exposure of a bracket, 40 ms, have its
+    /// lines.
+    #[test]
+    fn frames_begin_when_those_before_have_ended() {
+        let changes = [
+            camrig_camera::Change::new("sensor.timing.line_time_us", 20.0),
+            camrig_camera::Change::new("sensor.timing.frame_length_lines", 500),
+        ];
+        let camera = Camera::load_with("mt9v024", changes).unwrap();
+        let begins = |more: &str| {
+            let line = format!("simulate --exposure 10ms --frames 4 -o x.mcap {more}");
+            let args = Line::parse_from(line.split_whitespace()).frames;
+            let begins = Begins::new(&args, &camera, 0.01)?;
+            let ms = |i| begins.of(i).map(|s| (1e6 * s).round() / 1e3);
+            Ok::<_, Error>(([0, 1, 2, 3].map(ms), begins.rate()))
+        };
+        let every = |ms: f64| [0.0, 1.0, 2.0, 3.0].map(|i| Some(i * ms));
+        let (times, rate) = begins("").unwrap();
+        assert_eq!((times, rate.map(f64::round)), (every(10.0), Some(100.0)));
+        let (times, rate) = begins("--bracket 0,2").unwrap();
+        assert_eq!((times, rate), ([0.0, 10.0, 50.0, 60.0].map(Some), None));
+        let (times, rate) = begins("--fps 20 --bracket 0,2").unwrap();
+        assert_eq!((times, rate), (every(50.0), Some(20.0)));
+        let error = begins("--fps 50 --bracket 0,2").unwrap_err().to_string();
+        assert!(error.contains("40 ms is longer than a frame at 50 frames/s"), "{error}");
+    }
+}

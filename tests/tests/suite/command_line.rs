@@ -168,6 +168,19 @@ fn the_demo_makes_raws_pictures_and_a_page() {
     }
 }
 
+/// The demo's own commands write into a folder that gets its name at the end; nobody is told of it.
+#[test]
+fn the_demo_of_a_night_names_its_files_as_they_are_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = camrig_ok(dir.path(), "demo hdr -o night");
+    let told = String::from_utf8(made.stderr).unwrap() + &String::from_utf8(made.stdout).unwrap();
+    assert!(told.contains("wrote night: report.html"), "{told}");
+    assert!(!told.contains(".part"), "{told}");
+    for name in ["report.html", "picture.png", "companded.dng", "captures", "linear.npy"] {
+        assert!(dir.path().join("night").join(name).exists(), "{name}");
+    }
+}
+
 /// Raw samples that end far below the range of 16 bits look black in a picture viewer; a PGM's
 /// maximum says where they end.
 #[test]

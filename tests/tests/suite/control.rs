@@ -119,6 +119,42 @@ fn wrong_scripts_are_refused_before_the_stream() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("before_frame"));
 }
 
+/// A write that the rig refuses ends the stream: its figures are those of the frames before, and
+/// no rate was kept.
+#[test]
+fn a_script_refused_within_the_stream_ends_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let script = "format = \"rig-script/1\"\n[[write]]\nbefore_frame = 0\nexposure_s = 0.001\n\
+                  [[write]]\nbefore_frame = 1\nregisters = { \"0x0ff0\" = 1 }\n";
+    std::fs::write(dir.path().join("s.toml"), script).unwrap();
+    let output = camrig(
+        dir.path(),
+        &format!(
+            "rig stream emulator: --camera mt9v024 {SMALL} --scene ramp --collapse --fps 20 \
+             --script s.toml --frames 3 --json"
+        ),
+    );
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("before frame 1"), "{told}");
+    let figures: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&figures["frames"], &figures["pace_kept"]), (&json!(1), &Value::Null));
+}
+
+/// An exposure that the register cannot hold is none that a script can ask for.
+#[test]
+fn a_scripted_exposure_beyond_the_register_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let script = "format = \"rig-script/1\"\n[[write]]\nbefore_frame = 0\nexposure_s = 2\n";
+    std::fs::write(dir.path().join("s.toml"), script).unwrap();
+    let stream = "rig stream emulator: --camera mt9v024 --scene ramp --collapse --script s.toml \
+                  --frames 1";
+    let output = camrig(dir.path(), &format!("{stream} {SMALL}"));
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("65535"), "{told}");
+}
+
 /// The console of an emulator, with its address split into host, port and token.
 pub(super) struct Console {
     pub(super) child: Child,

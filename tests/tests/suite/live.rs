@@ -203,9 +203,37 @@ fn figures_of_a_stream_have_their_names() {
     let told: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
     assert_eq!((told["frames"].as_u64(), told["frames_dropped"].as_u64()), (Some(4), Some(0)));
     assert!(told["frames_late"].is_u64() && told["rate_hz"].is_f64(), "{told}");
+    assert_eq!(told["settings_missed"], 0, "{told}");
     assert!(["p50", "p99", "max"].iter().all(|p| told["latency_us"][p].is_f64()), "{told}");
     let frames = told["settings"].as_array().unwrap();
     assert!(frames.len() == 4 && frames.iter().all(|f| f["late_us"].is_f64()), "{told}");
+}
+
+/// Without `--fps`, frames of a sensor with timing follow one another as it reads them: 500 lines of
+/// 20 µs, or, where the exposure is longer, its lines.
+#[test]
+fn a_video_has_the_rate_of_the_sensor() {
+    let dir = folder();
+    let camera = small_camera(64, 48, &[("cfa", "\"mono\"")]);
+    let timing = "\n[sensor.timing]\nline_time_us = 20\nframe_length_lines = 500\n";
+    std::fs::write(dir.path().join("t.toml"), camera + timing).unwrap();
+    for (exposure, more, rate) in [
+        ("5ms", "", "F100000:1000 "),
+        ("40ms", "", "F25000:1000 "),
+        ("5ms", "--fps 30", "F30:1 "),
+        ("5ms", "--bracket 0,3", "F0:0 "),
+    ] {
+        camrig_ok(
+            dir.path(),
+            &format!(
+                "simulate --camera t.toml --scene uniform:0.2 --exposure {exposure} --frames 2 \
+                 {more} -o v.y4m --force"
+            ),
+        );
+        let video = std::fs::read(dir.path().join("v.y4m")).unwrap();
+        let head = String::from_utf8_lossy(&video[..60]).into_owned();
+        assert!(head.contains(rate), "{exposure} {more}: {head}");
+    }
 }
 
 /// Both readers find the frames of this process, when they began and the camera's figures.

@@ -27,6 +27,63 @@ fn folder(width: u32, height: u32, changes: &[(&str, &str)]) -> tempfile::TempDi
 
 const SHOOT: &str = "simulate --camera c.toml --lux 300 --exposure 20ms --force -o";
 
+/// A manifest that is not filled in yet says which files are darks, and these how they were taken:
+/// the same figures as of the files alone.
+#[test]
+fn darks_of_an_unfinished_manifest_are_measured() {
+    let dir = folder(64, 48, &[]);
+    let dir = dir.path();
+    std::fs::create_dir(dir.join("set")).unwrap();
+    for i in 0..4 {
+        let dark = format!("--scene uniform:0 --exposure 5ms --frame-seed {i}");
+        camrig_ok(dir, &format!("simulate --camera c.toml {dark} -o set/dark_{i}.npy"));
+    }
+    let files = json(dir, "measure dark set --json");
+    camrig_ok(dir, "captures new set");
+    let manifest = std::fs::read_to_string(dir.join("set/captures.toml")).unwrap();
+    assert!(manifest.contains("exposure_s = \"?\""), "{manifest}");
+    let draft = json(dir, "measure dark set --json");
+    let noise = "read_noise_dn";
+    assert!(files[noise]["value"].as_f64().unwrap() > 0.0, "{files}");
+    assert_eq!((&draft[noise], &draft["frames"]), (&files[noise], &files["frames"]));
+    let again = camrig_ok(dir, "measure dark set");
+    let told = String::from_utf8_lossy(&again.stderr);
+    assert!(told.contains("not filled in yet"), "{told}");
+}
+
+/// Where green is saturated, the other channels have the figures that they have beside a darker one.
+#[test]
+fn a_channel_that_is_saturated_leaves_the_others_their_figures() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |green: u16, others: u16| {
+        let at = |i: usize| match (i % 32 + i / 32) % 2 {
+            0 if others < 1000 => others - (i * i % 23) as u16,
+            0 => others,
+            _ if green < 1000 => green - (i * i % 19) as u16,
+            _ => green,
+        };
+        let samples: Vec<u8> = (0..32 * 32).flat_map(|i| at(i).to_be_bytes()).collect();
+        let frame = [b"P5\n32 32\n1000\n".to_vec(), samples].concat();
+        std::fs::write(dir.path().join("a.pgm"), frame).unwrap();
+    };
+    let snr = "measure snr a.pgm --cfa RGGB --black 0";
+    write(700, 500);
+    let right = json(dir.path(), &format!("{snr} --json"));
+    assert!(right["channels"]["g"]["snr_db"]["value"].is_f64(), "{right}");
+    write(1000, 500);
+    let found = json(dir.path(), &format!("{snr} --json"));
+    for channel in ["r", "b"] {
+        assert_eq!(found["channels"][channel], right["channels"][channel]);
+    }
+    let green = &found["channels"]["g"];
+    assert!(green["snr_db"].is_null(), "{green}");
+    assert!(green["snr_missing"].as_str().unwrap().contains("saturated"), "{green}");
+    let text = String::from_utf8(camrig_ok(dir.path(), snr).stdout).unwrap();
+    assert!(text.contains("g: SNR not determined: 100.0 % of the samples"), "{text}");
+    write(1000, 1000);
+    refuses(dir.path(), snr, &["saturated", "channel r"]);
+}
+
 #[test]
 fn patches_and_profiles_of_a_frame() {
     let dir = folder(360, 270, &[("prnu", "0.0"), ("row_fpn_e", "0.0")]);

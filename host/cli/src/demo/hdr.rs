@@ -51,8 +51,8 @@ pub fn run(folder: &Path, force: bool) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Runs one of the commands with its files in `folder`.
-fn simulate(folder: &Path, output: &str, more: &str) -> Result<ExitCode> {
+/// Runs one of the commands with its files in `folder`, whose name is none to be printed.
+fn simulate(folder: &Path, output: &str, more: &str) -> Result<()> {
     let placed = |name: &str| folder.join(name).into_os_string();
     let words = ["simulate"].into_iter().chain(NIGHT.split_whitespace());
     let mut arguments: Vec<std::ffi::OsString> = words.map(Into::into).collect();
@@ -63,7 +63,7 @@ fn simulate(folder: &Path, output: &str, more: &str) -> Result<ExitCode> {
     }));
     arguments.extend(["-o".into(), placed(output)]);
     let line = Line::try_parse_from(arguments).map_err(|e| Error::internal(e.to_string()))?;
-    simulate::run(&line.args)
+    simulate::written(&line.args).map(|_| ())
 }
 
 /// The merged signal as a picture: its logarithm, from the noise in the dark up.

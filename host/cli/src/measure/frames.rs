@@ -176,16 +176,27 @@ pub fn snr_of(args: &SnrArgs) -> Result<ExitCode> {
         data: opened.plane.data,
     };
     let roi = args.roi.unwrap_or_else(|| even::middle(&frame));
-    let mut channels = Map::new();
+    let (mut lines, mut channels, mut why) = (Vec::new(), Map::new(), None);
     for (c, name) in names(&frame.cfa).into_iter().enumerate() {
-        let snr = even::snr_db(&frame, c, roi).map_err(|e| e.at(format!("channel {name}")))?;
-        if !args.json {
-            println!("{name}: SNR {} dB", plus_minus(snr));
-        }
-        channels.insert(name, json!({ "snr_db": snr }));
+        let (line, found) = match even::snr_db(&frame, c, roi) {
+            Ok(snr) => (format!("{} dB", plus_minus(snr)), json!({ "snr_db": snr })),
+            Err(e) => {
+                let missing = e.what().to_string();
+                let line = format!("not determined: {missing}");
+                why.get_or_insert(e.at(format!("channel {name}")));
+                (line, json!({ "snr_db": null, "snr_missing": missing }))
+            }
+        };
+        lines.push(format!("{name}: SNR {line}"));
+        channels.insert(name, found);
     }
-    if args.json {
-        println!("{}", json!({ "channels": figure::object(&channels)? }));
+    // A figure that another channel lacks is one; without any there is an error.
+    if let Some(why) = why.filter(|_| channels.values().all(|found| found["snr_db"].is_null())) {
+        return Err(why);
+    }
+    match args.json {
+        true => println!("{}", json!({ "channels": figure::object(&channels)? })),
+        false => lines.iter().for_each(|line| println!("{line}")),
     }
     Ok(ExitCode::SUCCESS)
 }

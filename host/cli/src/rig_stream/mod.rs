@@ -22,7 +22,6 @@ use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::script::{Script, Write, exposure_cut, settings_held};
 use camrig_rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
-use camrig_sensor_core::config::FrameSettings;
 use light::Light;
 use output::Output;
 use pace::Pace;
@@ -244,6 +243,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         outcome.scene_frames = scene.counts();
     }
     outcome.notes = light.notes().to_vec();
+    outcome.broke_off = ended.is_err();
     if pace.frames() > 0 {
         report::tell(args, &rig, before, &pace, &outcome);
     }
@@ -354,11 +354,7 @@ impl Stream<'_> {
             }
             period.of(frame.start.exposure.exposure_s.into())?;
             taken.outcome.exposure_missed += u64::from(frames.missed(&frame));
-            let used = frame.start.exposure;
-            let differs = |asked: FrameSettings| {
-                [asked.exposure_s, asked.analog_gain] != [used.exposure_s, used.analog_gain]
-            };
-            taken.outcome.settings_missed += u64::from(asked.is_some_and(differs));
+            taken.outcome.count_settings(asked, frame.start.exposure);
             if args.json {
                 taken.outcome.records.push(Record::new(&frame, time));
             }

@@ -6,6 +6,7 @@ use camrig_base::numbers::counted;
 use camrig_base::output::LiveOutput;
 use camrig_rig::{Rig, RigFrame};
 use camrig_rig_link::message::{Exposure, Fault};
+use camrig_sensor_core::config::FrameSettings;
 use serde_json::{Value, json};
 
 /// The settings and times of a frame.
@@ -76,12 +77,24 @@ pub struct Outcome {
     pub exposure_missed: u64,
     /// Frames of another exposure or gain than was asked for.
     pub settings_missed: u64,
+    /// Whether an error ended the stream, so that no rate was kept.
+    pub broke_off: bool,
     /// Every frame, for `--json`.
     pub records: Vec<Record>,
     /// Frames of a scene that is a sequence, counted.
     pub scene_frames: Value,
     /// Notes about the light, the lens and the camera's tables.
     pub notes: Vec<String>,
+}
+
+impl Outcome {
+    /// Counts a frame of another exposure or gain than was asked for, if any was.
+    pub fn count_settings(&mut self, asked: Option<FrameSettings>, used: Exposure) {
+        let missed = asked.is_some_and(|asked| {
+            [asked.exposure_s, asked.analog_gain] != [used.exposure_s, used.analog_gain]
+        });
+        self.settings_missed += u64::from(missed);
+    }
 }
 
 /// Prints figures: one JSON object, or lines of text, which go to standard error if the frames are
@@ -115,7 +128,7 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
                 "frames_per_s": fps,
                 "rate_hz": fps,
                 "fps_asked": args.fps,
-                "pace_kept": pace.is_kept(),
+                "pace_kept": pace.is_kept().filter(|_| !outcome.broke_off),
                 "late_frames": late,
                 "frames_late": late,
                 "frame_times": times,
@@ -170,5 +183,23 @@ pub fn tell(args: &Args, rig: &Rig, before: (u64, u64), pace: &Pace, outcome: &O
     match args.output.as_deref().is_some_and(LiveOutput::is_stdout) {
         true => eprintln!("{text}"),
         false => println!("{text}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_of_other_settings_are_counted_where_any_were_asked_for() {
+        let used = |exposure_s: f32, analog_gain: f32| Exposure { exposure_s, analog_gain };
+        let asked = FrameSettings::new(0.005).with_gain(2.0);
+        let mut outcome = Outcome::default();
+        outcome.count_settings(Some(asked), used(0.005, 2.0));
+        outcome.count_settings(None, used(0.001, 4.0));
+        assert_eq!(outcome.settings_missed, 0);
+        outcome.count_settings(Some(asked), used(0.001, 2.0));
+        outcome.count_settings(Some(asked), used(0.005, 4.0));
+        assert_eq!(outcome.settings_missed, 2);
     }
 }

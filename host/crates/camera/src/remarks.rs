@@ -25,6 +25,7 @@ pub(super) fn of(camera: &Camera) -> Vec<String> {
         .chain(out_of_order(camera))
         .chain(behind_the_converter(camera))
         .chain(beyond_the_gains(camera))
+        .chain(behind_the_table(camera))
         .chain(of_hdr);
     all.map(|remark| format!("warning: {remark}")).collect()
 }
@@ -48,6 +49,18 @@ fn beyond_the_gains(camera: &Camera) -> Option<String> {
         format!(
             "analog_gain = {gain}: dn_per_e of [sensor.gains] ends at gain {last} and stays beyond; \
              add a gain, or digital_above = {last}"
+        )
+    })
+}
+
+/// A part of the read noise that is not read, since a table gives the whole.
+fn behind_the_table(camera: &Camera) -> Option<String> {
+    let post = camera.sensor.noise.read_e_post;
+    let by_table = camera.sensor.gains.as_ref().is_some_and(|gains| gains.read_e.is_some());
+    (by_table && post > 0.0).then(|| {
+        format!(
+            "read_e_post = {post} of [sensor.noise] does nothing: read_e of [sensor.gains] is all \
+             of the read noise; omit it"
         )
     })
 }

@@ -40,7 +40,8 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
     note.merge_note(&raw.text(270).unwrap_or_default());
     let cfa = pattern(raw, note.cfa)?;
     let mut black = black_levels(raw, cfa.width, cfa.height)?;
-    add_deltas(&mut black, raw, [cfa.width, cfa.height], &mut notes)?;
+    let pattern = [cfa.width, cfa.height];
+    add_deltas(&mut black, raw, pattern, [plane.width, plane.height], &mut notes)?;
     not_negative(&black)?;
     let largest = plane.data.iter().copied().max().unwrap_or(0);
     let white = white_level(raw, largest, &mut notes)?;
@@ -310,25 +311,32 @@ fn black_levels(raw: &Ifd, width: usize, height: usize) -> Result<Vec<f64>> {
 }
 
 /// Adds to the black level of each cell of the pattern the mean of the deltas of its columns and of
-/// its rows (DNG 1.4: BlackLevel[y][x] + BlackLevelDeltaH[x] + BlackLevelDeltaV[y]). A note says
-/// where deltas within a cell differ, as samples are not changed.
+/// its rows (DNG 1.4: BlackLevel[y][x] + BlackLevelDeltaH[x] + BlackLevelDeltaV[y], one for each
+/// column and row of the active area). A note says where deltas within a cell differ, as samples are
+/// not changed.
 fn add_deltas(
     black: &mut [f64],
     raw: &Ifd,
     [width, height]: [usize; 2],
+    [columns, rows]: [usize; 2],
     notes: &mut Vec<String>,
 ) -> Result<()> {
     let axes = [
-        (50715, "BlackLevelDeltaH", "column", width, 0),
-        (50716, "BlackLevelDeltaV", "row", height, 1),
+        (50715, "BlackLevelDeltaH", "column", columns, width, 0),
+        (50716, "BlackLevelDeltaV", "row", rows, height, 1),
     ];
-    for (tag, name, line, period, axis) in axes {
+    for (tag, name, line, lines, period, axis) in axes {
         let deltas = numbers(raw, tag, name)?.unwrap_or_default();
         if deltas.is_empty() {
             continue;
         }
+        if deltas.len() != lines {
+            return Err(Error::input(format!("{} deltas for {lines} {line}s", deltas.len()))
+                .at(format!("{name} (tag {tag})"))
+                .help(format!("DNG has one for each {line} of the active area, or none at all")));
+        }
         let mean = |phase: usize| {
-            let own = deltas.iter().skip(phase % deltas.len()).step_by(period);
+            let own = deltas.iter().skip(phase % lines).step_by(period);
             own.clone().sum::<f64>() / own.count() as f64
         };
         let means: Vec<f64> = (0..period).map(mean).collect();

@@ -225,6 +225,8 @@ fn what_a_dng_reader_does_not_apply_is_said_or_refused() {
     let note = &frames.facts.notes[0];
     assert!(note.contains("by up to 5 DN") && note.contains("BlackLevelDeltaV"), "{note}");
     for (tag, said) in [
+        ((50716, 10, 1, 8), "1 deltas for 2 rows"),
+        ((50715, 10, 2, 8), "2 deltas for 4 columns"),
         ((50711, 3, 1, 2), "CFALayout"),
         ((259, 3, 1, 34892), "lossy"),
         ((266, 3, 1, 2), "FillOrder 2"),

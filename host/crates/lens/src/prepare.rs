@@ -6,7 +6,7 @@ use super::best_focus;
 use super::field;
 use super::fold;
 use super::paraxial::{self, Paraxial};
-use super::prescription::{Clip, Conditions, FieldKind, Focus, Object, Prescription};
+use super::prescription::{Clip, Conditions, FieldKind, Focus, Medium, Object, Prescription};
 use super::pupil::Beam;
 use super::system::{away_from_lens, finite, move_sensor, paraxial_of, surfaces_at};
 use super::trace::TrainSurface;
@@ -76,15 +76,27 @@ impl System {
             move_sensor(&mut system.prescription, conditions.sensor_shift_mm)?;
         }
         system.tell_of_no_image();
-        if let Some(glass) = &system.prescription.object_glass {
-            let note = format!(
+        system.tell_of_media();
+        Ok(system)
+    }
+
+    /// Notes an object or an image that does not lie in air.
+    fn tell_of_media(&mut self) {
+        let lens = &mut self.prescription;
+        if let Some(glass) = &lens.object_glass {
+            lens.notes.push(format!(
                 "the object lies in {}: angles of fields are those in it, and the focal length is \
                  that on the image's side, in air",
                 glass.name
-            );
-            system.prescription.notes.push(note);
+            ));
         }
-        Ok(system)
+        if let Some(Medium::Glass(glass)) = lens.surfaces.last().map(|s| &s.medium) {
+            lens.notes.push(format!(
+                "the image lies in {}: chief ray angles are those in it, and focal length and \
+                 f-number those in air, 1 over the power",
+                glass.name
+            ));
+        }
     }
 
     /// Notes a sensor so far from the paraxial image that there is none on it, as behind a lens

@@ -461,6 +461,7 @@ impl Rig {
                     let mut packed = packed.unwrap_or_default();
                     let receipts =
                         request.rows_stay.then(|| receipts(&std::mem::take(&mut packed)));
+                    sensor.check_seed(start.seed).map_err(|e| e.at(&self.url))?;
                     let exposure_s = f64::from(start.exposure.exposure_s);
                     let lines = line_ns.and_then(|ns| whole_lines(exposure_s, ns));
                     return Ok(RigFrame {
@@ -677,6 +678,18 @@ impl<'s> OnLink<'s> {
 
     fn several(sensor: &'s HdrSensor) -> Self {
         Self { captures: sensor.captures().iter().collect(), readout: Some(sensor.readout()) }
+    }
+
+    /// Refuses a frame of another sensor.
+    fn check_seed(&self, used: u64) -> Result<()> {
+        let seed = self.captures[0].config.seed;
+        if used == seed {
+            return Ok(());
+        }
+        Err(Error::disagreement(format!(
+            "the rig took the frame with seed {used}, the camera's is {seed}"
+        ))
+        .help("another host changed the rig's camera, or its firmware leaves out the seed"))
     }
 
     /// Its bytes on the link.

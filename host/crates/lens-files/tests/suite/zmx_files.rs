@@ -609,6 +609,28 @@ fn an_object_in_water_is_seen_through_a_flat_port() {
     assert!(wet.prescription.notes.last().unwrap().contains("the object lies in"));
 }
 
+/// Behind a plane last surface, water leaves the power as it is and moves the image n times as far.
+#[test]
+fn an_image_in_water_is_told() {
+    let n = 1.3334;
+    let system = |glass: &str| {
+        let text = lens_text(&[]);
+        let head = &text[..text.find("SURF 0").unwrap()];
+        let surfaces = format!(
+            "SURF 0\n  DISZ INFINITY\nSURF 1\n  STOP\n  CURV 0.025\n  DISZ 4\n  GLAS N-BK7 0 0\n\
+             SURF 2\n  DISZ 80\n{glass}SURF 3\n  DISZ 0\n"
+        );
+        let lens = read(&format!("{head}{surfaces}"), &Catalogue::default()).unwrap();
+        System::new(lens, Conditions::default()).unwrap()
+    };
+    let (wet, dry) = (system(&format!("  GLAS ___BLANK 1 0 {n} 0 0 0 0 0 0 0\n")), system(""));
+    assert!((wet.paraxial.efl_mm - dry.paraxial.efl_mm).abs() < 1e-12);
+    assert!((wet.paraxial.bfl_mm - n * dry.paraxial.bfl_mm).abs() < 1e-9);
+    let told = wet.prescription.notes.join("\n");
+    assert!(told.contains("the image lies in") && told.contains("1 over the power"), "{told}");
+    assert!(!dry.prescription.notes.join("\n").contains("lies in"));
+}
+
 #[test]
 fn extended_aspheres_are_even_and_odd_ones() {
     let surface = |lines: &str| {
