@@ -18,6 +18,7 @@ fn entries_are_sound() {
         assert!(entry.kind.chars().all(|c| c.is_ascii_lowercase() || c == '-'), "{}", entry.kind);
         assert!(entry.doc.trim().len() > 40, "{} is not described", entry.kind);
         assert!(entry.doc.contains("\n Closed form: "), "{}: no closed form", entry.kind);
+        assert!(entry.doc.contains("\n Source: "), "{}: no source", entry.kind);
         assert!(entry.parameters.len() <= MAX_PARAMETERS, "{}", entry.kind);
         for p in entry.parameters {
             let what = format!("{} of {}", p.key, entry.kind);

@@ -170,7 +170,7 @@ pub fn arithmetic() -> impl TypedValueParser<Value = Arithmetic> {
     choice(&Arithmetic::ALL, Arithmetic::name, |arithmetic| match arithmetic {
         Arithmetic::F32 => "32-bit floating point",
         Arithmetic::Fixed => {
-            "32-bit fixed point, for microcontrollers without a floating-point unit"
+            "32-bit fixed point, for microcontrollers without a floating-point unit; up to 64 DN per electron"
         }
     })
 }

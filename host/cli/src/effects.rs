@@ -51,11 +51,11 @@ pub(super) fn describe(effect: &EffectKind) {
     let number = effect.number.map(|n| format!("; number {n} on the link of a rig"));
     let number = number.unwrap_or_default();
     println!("\nacts on {}{number}", effect.acts);
-    if let Some(test) = effect.test() {
-        println!(
-            "checked against its closed form in f32 and fixed point: sensor-core, test {test}"
-        );
-    }
+    let (test, of) = (effect.test(), effect.number.is_some());
+    println!(
+        "checked against its closed form over its range{}, test {test}",
+        if of { " in f32 and fixed point: sensor-core" } else { ": camrig-render" }
+    );
     println!("\n[[effect]]\nkind = {:?}", effect.kind);
     for w in effect.words {
         let known =
@@ -82,6 +82,7 @@ pub(super) fn as_json(effect: &EffectKind) -> serde_json::Value {
     json!({
         "kind": effect.kind, "number": effect.number, "acts_on": effect.acts,
         "domain": effect.acts, "test": effect.test(), "doc": effect.doc.trim(),
+        "source": effect.source(),
         "closed_form": effect.closed_form().split_whitespace().collect::<Vec<_>>().join(" "),
         "parameters": parameters.collect::<Vec<_>>(),
         "words": effect.words.iter().map(|w| json!({

@@ -18,6 +18,8 @@ effect! {
     /// thresholds err one by one. The largest random step lies at the middle of the scale and is
     /// about σ 2^(bits/2). Put this effect last of those on the signal. IEEE 1241.
     ///
+    /// Source: IEEE 1241.
+    ///
     /// Closed form: code c is as wide as T(c + 1) − T(c) of the equation, in DN.
     AdcNonlinearity, "adc-nonlinearity", Voltage, Response, Pixel {
         /// Standard deviation of the error of the lowest bit's weight

@@ -12,6 +12,8 @@ effect! {
     /// place in half widths of the array. It depends neither on temperature nor on the light.
     /// Janesick 2001, section 7.
     ///
+    /// Source: Janesick 2001, section 7.
+    ///
     /// Closed form: mean t I exp(−d²/(2w²)) e⁻ at a distance d, temporal variance the same.
     AmpGlow, "amp-glow", Charge, Dark, Pixel {
         /// Rate at the brightest place

@@ -12,6 +12,8 @@ effect! {
     /// plane of a 2x2 pattern. A converter that truncates gives the largest code below the signal,
     /// which is rounding half a code lower: b = −0.5 DN.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: without light and noise every pixel reads b_0, the black level, and these terms,
     /// in DN, rounded.
     BlackLevelOffset, "black-level-offset", Voltage, Response, Pixel {

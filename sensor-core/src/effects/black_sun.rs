@@ -9,6 +9,8 @@ effect! {
     ///
     /// n = 0 where the photo-electrons of the exposure exceed k W, with W the full well.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: 0 above k W, the light as it was below.
     BlackSun, "black-sun", Photo, Response, Pixel {
         /// Light k in full wells from which pixels turn dark

@@ -9,6 +9,8 @@ effect! {
     /// n' = min(n, W) + s/2 (excess above + excess below), with excess = max(n − W, 0) and W the
     /// full well. Charge spills one pixel far; the rest is drained.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: min(n, W) in a full pixel, s/2 of its excess above and below.
     Blooming, "blooming", Photo, Response, Neighbours {
         /// Fraction s of the excess that spills

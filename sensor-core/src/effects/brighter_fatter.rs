@@ -15,6 +15,8 @@ effect! {
     /// what crosses the edges of the array. Only nearest neighbours take part; valid for aµ < 0.1.
     /// Antilogus et al. 2014; Astier et al. 2019 (their a_01 is 2a here, their a_00 is −8a).
     ///
+    /// Source: Antilogus et al. 2014; Astier et al. 2019.
+    ///
     /// Closed form: with b = aµ, variance µ((1 − 4b)² + 4b²) and covariance of neighbours 2µ b(1 −
     /// 4b).
     BrighterFatter, "brighter-fatter", Charge, Response, Neighbours {

@@ -13,6 +13,8 @@ effect! {
     /// continues as its mirror image, so a flat field stays flat. Charge is conserved, except what
     /// crosses those edges. Moore, Ninkov & Forrest 2004.
     ///
+    /// Source: Moore, Ninkov & Forrest 2004.
+    ///
     /// Closed form: a spot becomes the kernel; in a flat the covariance of pixels at a distance is
     /// µ times the autocorrelation of the kernel there.
     ChargeCoupling, "charge-coupling", Charge, Response, Neighbours {

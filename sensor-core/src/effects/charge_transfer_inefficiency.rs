@@ -15,6 +15,8 @@ effect! {
     /// left. All that is left behind comes with the next packet: trails of slow traps are longer.
     /// Janesick 2001, section 5.2.
     ///
+    /// Source: Janesick 2001, section 5.2.
+    ///
     /// Closed form: a spot keeps (1 − l) of its charge and the next pixel has l of it; in a flat of
     /// mean and variance µ the covariance of a pixel with the next is l (1 − l) µ.
     ChargeTransferInefficiency, "charge-transfer-inefficiency", Charge, Response, Neighbours {

@@ -9,6 +9,8 @@ effect! {
     ///
     /// µ *= 1 + k_c r² for channel c, with r the distance from the centre, 1 at the corners.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: µ (1 + k_c r²) at a distance r.
     ColourShading, "colour-shading", Light, Response, Pixel {
         /// Change at the corners, first channel

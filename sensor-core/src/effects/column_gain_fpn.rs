@@ -9,6 +9,8 @@ effect! {
     /// v *= 1 + σ z(x), with z standard normal and fixed. EMVA 1288 release 4.0, column part of
     /// PRNU.
     ///
+    /// Source: EMVA 1288 release 4.0, column part of PRNU.
+    ///
     /// Closed form: of a flat of v, column means have the standard deviation σ v.
     ColumnGainFpn, "column-gain-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over columns of the relative gain

@@ -12,6 +12,8 @@ effect! {
     /// and temperature as `dark-current` does, without shot noise.
     /// Input-referred. EMVA 1288 release 4.0, column part of DSNU.
     ///
+    /// Source: EMVA 1288 release 4.0, column part of DSNU.
+    ///
     /// Closed form: variance of column means σ² + d², of their differences between frames 0.
     ColumnOffsetFpn, "column-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over columns

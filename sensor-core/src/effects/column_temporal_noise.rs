@@ -11,6 +11,8 @@ effect! {
     /// Janesick 2007. The counterpart for rows is
     /// `row-temporal-noise`.
     ///
+    /// Source: Janesick 2007.
+    ///
     /// Closed form: over frames the variance of a column mean is σ² G^(2p) above that of its white
     /// noise.
     ColumnTemporalNoise, "column-temporal-noise", Voltage, Temporal, Pixel {

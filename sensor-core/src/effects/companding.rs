@@ -12,6 +12,8 @@ effect! {
     /// they are the same at any gain. Receivers undo curves of this kind (AMD Vitis Vision,
     /// `hdr_decompand`).
     ///
+    /// Source: definition.
+    ///
     /// Closed form: for a ramp three straight lines, which meet at the knees.
     Companding, "companding", Voltage, Response, Pixel {
         /// First knee as a fraction of the converter's range

@@ -14,6 +14,8 @@ effect! {
     /// 2009; doubling temperature as in EMVA 1288. Valid over some 40 K, where one doubling
     /// temperature holds.
     ///
+    /// Source: Chen et al. 2009, eq. 10; EMVA 1288 for the temperature.
+    ///
     /// Closed form: mean t I 2^((T − T_ref)/T_d), temporal variance the same, spread of the pixels'
     /// means t σ 2^((T − T_ref)/T_d).
     DarkCurrent, "dark-current", Charge, Dark, Pixel {

@@ -12,6 +12,8 @@ effect! {
     /// temperature as in `dark-current`. It adds to the uniform dark
     /// current. EMVA 1288 release 4.0, section 7, for each place.
     ///
+    /// Source: EMVA 1288 release 4.0, section 7.
+    ///
     /// Closed form: mean and temporal variance of a place t g I_p.
     DarkCurrentBySite, "dark-current-by-site", Charge, Dark, Pixel {
         /// Rate of even columns of even rows (from 0), at the reference temperature

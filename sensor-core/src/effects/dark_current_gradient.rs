@@ -13,6 +13,8 @@ effect! {
     /// array and g the growth with temperature as in `dark-current`. It
     /// adds to the uniform dark current.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: mean t g I (1 + u cos θ + v sin θ)/2, temporal variance the same.
     DarkCurrentGradient, "dark-current-gradient", Charge, Dark, Pixel {
         /// Rate at the middle of the far edge, at the reference temperature

@@ -16,6 +16,8 @@ effect! {
     /// q, and then is on with probability d: the states are those of `random-telegraph-noise`, and
     /// are constant within a frame. Hopkins and Hopkinson 1995; Goiffon et al. 2009.
     ///
+    /// Source: Hopkins and Hopkinson 1995; Goiffon et al. 2009.
+    ///
     /// Closed form: of pixels of one rate, mean A t d and variance A t d + A² t² d(1−d), with
     /// autocovariance A² t² d(1−d)(1−q)^|n|.
     DarkCurrentTelegraphNoise, "dark-current-telegraph-noise", Charge, Temporal, Pixel {

@@ -15,6 +15,8 @@ effect! {
     /// lack and what they have more, they do before shot noise. Chen et al. 2009, section VI:
     /// defects that only the captures show; EMVA 1288 release 4.0, section 8.4, for lines.
     ///
+    /// Source: Chen et al. 2009, section VI.
+    ///
     /// Closed form: in the rectangles mean and temporal variance g µ + t I 2^((T − T_ref)/T_d).
     DefectiveAreas, "defective-areas", Light, Defect, Pixel {
         /// Number of rectangles n

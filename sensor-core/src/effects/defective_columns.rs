@@ -13,6 +13,8 @@ effect! {
     /// lacks it lacks before shot noise, as in `defective-pixels`. Chen et al. 2009, section VI:
     /// defects that only the captures show.
     ///
+    /// Source: Chen et al. 2009, section VI.
+    ///
     /// Closed form: the n columns have mean and temporal variance gµ in the last share l
     /// of their rows, µ above.
     DefectiveColumns, "defective-columns", Light, Defect, Pixel {

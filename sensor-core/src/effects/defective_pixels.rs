@@ -11,6 +11,8 @@ effect! {
     /// is that of what they collect. Chen et al. 2009, section VI: defects that only the captures
     /// show.
     ///
+    /// Source: Chen et al. 2009, section VI.
+    ///
     /// Closed form: a share f of the pixels has mean and temporal variance gµ.
     DefectivePixels, "defective-pixels", Light, Defect, Pixel {
         /// Fraction of pixels

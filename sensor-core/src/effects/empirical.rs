@@ -39,6 +39,8 @@ effect! {
     /// stands for the signal of each of its pixels. Shapes as `camrig diagnose` finds them; EMVA
     /// 1288 release 4.0 for parts of rows and columns, Janesick 2001 for where they act.
     ///
+    /// Source: EMVA 1288 release 4.0; Janesick 2001.
+    ///
     /// Closed form: that of its domain and shape above, of the table's own numbers.
     Empirical, "empirical", Voltage, Pattern, Pixel {
         /// What it changes: 0 offset, 1 gain, 2 dark current, 3 temporal noise, 4 response

@@ -15,6 +15,8 @@ effect! {
     /// machines (logarithms of the platform), and a pixel's count depends on the means before it
     /// in its row. `Poisson` of the `rand_distr` crate; Ahrens & Dieter 1982.
     ///
+    /// Source: Ahrens & Dieter 1982.
+    ///
     /// Closed form: mean µ, variance µ, and the probabilities of the Poisson law.
     ExactShotNoise, "exact-shot-noise", Light, Shot, Pixel {}
 }

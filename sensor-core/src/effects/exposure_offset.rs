@@ -11,6 +11,8 @@ effect! {
     /// t' = s round(t/s) + δ, not below 0; light and dark charge follow t'. Several of
     /// these in a chain act one after the other.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: max(s round(t/s) + δ, 0)/t times the light and the dark charge.
     ExposureOffset, "exposure-offset", Light, Response, Pixel {
         /// Error δ

@@ -14,6 +14,8 @@ effect! {
     /// frame. a_c is the depth that channel c sees over A: the phosphor of a white LED glows on,
     /// so its blue light, which comes from the diode, pulsates more than the rest.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: in a frame the row means of a channel are a sine over y of frequency f t_row
     /// and relative amplitude A a_c sinc(f t).
     FlickerBanding, "flicker-banding", Light, Response, Pixel {

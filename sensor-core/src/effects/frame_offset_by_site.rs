@@ -11,6 +11,8 @@ effect! {
     /// offsets of the law of `frame-offset-noise`, independent of each
     /// other. Input-referred. EMVA 1288 release 4.0, section 2.5.
     ///
+    /// Source: EMVA 1288 release 4.0, section 2.5.
+    ///
     /// Closed form: a place's means over frames have variance σ² G^(2p) and autocorrelation φ^|h|;
     /// places are independent.
     FrameOffsetBySite, "frame-offset-by-site", Voltage, Temporal, Pixel {

@@ -11,6 +11,8 @@ effect! {
     /// of the last frames' innovations until their weight falls below 0.001. Input-referred. EMVA
     /// 1288 release 4.0, section 2.5.
     ///
+    /// Source: EMVA 1288 release 4.0, section 2.5.
+    ///
     /// Closed form: the frames' means have variance σ² G^(2p) and autocorrelation φ^|h|.
     FrameOffsetNoise, "frame-offset-noise", Voltage, Temporal, Pixel {
         /// Standard deviation over frames

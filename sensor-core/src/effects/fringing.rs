@@ -14,6 +14,8 @@ effect! {
     /// fixed: a wedge with f fringes across. f is 2 n Δd/λ for a change of thickness Δd, so the
     /// parameters hold for one wavelength.
     ///
+    /// Source: two-beam interference, Born & Wolf 1999, section 7.5.
+    ///
     /// Closed form: a flat becomes a wave of f periods across and relative amplitude A.
     Fringing, "fringing", Light, Pattern, Pixel {
         /// Amplitude A

@@ -10,6 +10,8 @@ effect! {
     /// soft, as the pixel loses charge before it is full: q − kW ln(1 + exp((q − W)/(kW))), which
     /// at W lies below W by kW ln 2. Janesick 2007.
     ///
+    /// Source: Chen et al. 2009, eq. 11; Janesick 2007.
+    ///
     /// Closed form: min(q, W); with a knee, W − kW ln 2 at q = W.
     FullWell, "full-well", Charge, Response, Pixel {
         /// Linear full well

@@ -18,6 +18,8 @@ effect! {
     /// `[sensor.noise]` stand before it, and a further gain stage adds its share to those before.
     /// EMVA 1288 release 4.0, section 2.2, for the chain with its gain in one place.
     ///
+    /// Source: EMVA 1288 release 4.0, section 2.2; Wei et al. 2021.
+    ///
     /// Closed form: behind a share s of the gain, offsets and noise in DN are G^(1 − s) times those
     /// at unity gain.
     GainStage, "gain-stage", Voltage, Response, Pixel {

@@ -18,6 +18,8 @@ effect! {
     /// to the converter's range. As a stage it limits the charge: q = min(q, W(G)). Janesick 2007,
     /// ch. 11; the tables of Wei et al. 2021 (ELD) are of this kind.
     ///
+    /// Source: Janesick 2007, chapter 11; Wei et al. 2021.
+    ///
     /// Closed form: at a place its numbers; in the middle of two (on ln G) their geometric mean.
     GainTable, "gain-table", Charge, Response, Pixel {
         /// Gain G_a at which the analogue gain ends

@@ -12,6 +12,8 @@ effect! {
     /// Gr − Gb. It acts before shot noise, on 2x2 patterns of three or four channels with red first
     /// and blue last, and on no others.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: (Gr − Gb)/mean = g_0 in the centre and g_1 in the corners; variance of each as
     /// of its mean.
     GreenImbalance, "green-imbalance", Light, Pattern, Pixel {

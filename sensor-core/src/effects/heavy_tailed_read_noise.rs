@@ -13,6 +13,8 @@ effect! {
     /// 4.2), −0.2 has very heavy tails. For |λ| below 0.01 the logistic limit is used. It adds to
     /// the white read noise; set that to 0 to have this alone. Tukey 1962; Wei et al. 2020.
     ///
+    /// Source: Tukey 1962; Wei et al. 2020.
+    ///
     /// Closed form: variance σ² G^(2p); quantiles σ G^p Q(u)/s.
     HeavyTailedReadNoise, "heavy-tailed-read-noise", Voltage, Temporal, Pixel {
         /// Standard deviation

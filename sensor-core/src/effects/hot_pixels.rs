@@ -14,6 +14,8 @@ effect! {
     /// with u uniform, with shot noise, and growing with temperature as the dark current does.
     /// Widenhorn et al. 2002.
     ///
+    /// Source: Widenhorn et al. 2002.
+    ///
     /// Closed form: a share f exp(−x/s) of the pixels has an excess rate above x at the reference
     /// temperature.
     HotPixels, "hot-pixels", Charge, Defect, Pixel {

@@ -17,6 +17,8 @@ effect! {
     /// on a second time. A frame without a predecessor follows darkness. Janesick 2001; Fossum &
     /// Hondongwa 2014.
     ///
+    /// Source: Janesick 2001; Fossum & Hondongwa 2014.
+    ///
     /// Closed form: mean and variance µ + l (min(µ_before, W) − min(µ, W)); frames independent.
     ImageLag, "image-lag", Light, Response, PreviousFrame {
         /// Fraction l that stays behind

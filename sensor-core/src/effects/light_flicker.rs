@@ -9,6 +9,8 @@ effect! {
     ///
     /// µ *= 1 + σ z(frame), with z standard normal. EMVA 1288 release 4.0, section 6.6.
     ///
+    /// Source: EMVA 1288 release 4.0, section 6.6.
+    ///
     /// Closed form: over frames the relative standard deviation of the frame mean is σ.
     LightFlicker, "light-flicker", Light, Response, Pixel {
         /// Standard deviation over frames of the relative light

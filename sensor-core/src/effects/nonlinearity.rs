@@ -9,6 +9,8 @@ effect! {
     ///
     /// v' = v (1 − a (v/W)^n) for v > 0, with W the full well. Janesick 2007.
     ///
+    /// Source: Janesick 2007.
+    ///
     /// Closed form: v (1 − a (v/W)^n) for a ramp.
     Nonlinearity, "nonlinearity", Voltage, Response, Pixel {
         /// Loss a at full well

@@ -9,6 +9,8 @@ effect! {
     ///
     /// v = max(v, level), with the level relative to the black level.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: max(v, level); of normal noise σ around m, mean and variance are those of a
     /// censored normal law.
     OffsetClipping, "offset-clipping", Voltage, Response, Pixel {

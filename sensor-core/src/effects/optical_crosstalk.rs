@@ -14,6 +14,8 @@ effect! {
     /// wavelengths: as diffusion grows with wavelength, the parameters hold for the light with
     /// which they were measured. Chen et al. 2009, section IV-C.
     ///
+    /// Source: Chen et al. 2009, section IV-C.
+    ///
     /// Closed form: a spot becomes the kernel; in a flat neighbours stay independent, with variance
     /// µ.
     OpticalCrosstalk, "optical-crosstalk", Light, Response, Neighbours {

@@ -20,6 +20,8 @@ effect! {
     /// which stands for Landau's. Moyal 1955; Particle Data Group, Review of Particle Physics 2022,
     /// chapters 30.4 and 34.2.
     ///
+    /// Source: Moyal 1955; Particle Data Group 2022, chapters 30.4 and 34.2.
+    ///
     /// Closed form: the hits of a frame are Poisson; the mean charge of one is 4/3 a d (1 + 1.270
     /// w), its mean square 2 a² d² ((1 + 1.270 w)² + 4.935 w²).
     ParticleHits, "particle-hits", Charge, Temporal, Pixel {

@@ -10,6 +10,8 @@ effect! {
     /// µ *= g where x mod P_x = x_0 and y mod P_y = y_0. It is light that does not arrive, so the
     /// shot noise is that of what does: the variance of a covered pixel is gµ.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: pixels of the lattice have mean and variance gµ, the others µ.
     PdafPattern, "pdaf-pattern", Light, Pattern, Pixel {
         /// Columns P_x from one to the next

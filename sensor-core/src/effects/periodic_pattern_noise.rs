@@ -12,6 +12,8 @@ effect! {
     /// v += A sin(2π(f_x x + f_y y) + φ_frame), with φ uniform. Input-referred; its variance is
     /// A²/2. Hambly et al. 2018.
     ///
+    /// Source: Hambly et al. 2018.
+    ///
     /// Closed form: amplitude A G^p at the one frequency, variance A² G^(2p)/2, a phase that is
     /// uniform over frames.
     PeriodicPatternNoise, "periodic-pattern-noise", Voltage, Temporal, Pixel {

@@ -19,6 +19,8 @@ effect! {
     /// bytes for each pixel and effect, which no rig has. Janesick 2001; Smith et al. 2008;
     /// Leisenring et al. 2016.
     ///
+    /// Source: Janesick 2001; Smith et al. 2008; Leisenring et al. 2016.
+    ///
     /// Closed form: in darkness after one frame of µ, frame k shows f min(µ, W) (1 − d) d^(k−1); in
     /// steady light frame k shows µ − f µ d^(k−1) until the traps are full, and then µ.
     Persistence, "persistence", Light, Response, EarlierFrames {

@@ -9,6 +9,8 @@ effect! {
     /// v += σ z(x, y), with z standard normal and fixed. Input-referred. The part of EMVA 1288's
     /// DSNU that does not grow with exposure.
     ///
+    /// Source: EMVA 1288 release 4.0, part of DSNU.
+    ///
     /// Closed form: spread of the pixels' means σ at any exposure.
     PixelOffsetFpn, "pixel-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over pixels

@@ -10,6 +10,8 @@ effect! {
     /// mean 1. It acts on photo-electrons with their shot noise and not on dark charge, as in eq.
     /// 10. Valid for σ well below 1; gains stay positive up to σ = 0.14.
     ///
+    /// Source: Chen et al. 2009, eq. 10.
+    ///
     /// Closed form: of a flat of µ, the standard deviation over pixels of the mean over frames is
     /// σµ; the temporal variance is µ(1 + σ²).
     Prnu, "prnu", Photo, Pattern, Pixel {

@@ -14,6 +14,8 @@ effect! {
     /// along rows and columns). `prnu` is added for the part that is independent from pixel to
     /// pixel. Valid where `prnu` is.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: relative response of variance σ², correlated by 1/2 between neighbours in rows
     /// and columns, 1/4 over the diagonal, 0 beyond.
     PrnuCorrelated, "prnu-correlated", Photo, Pattern, Pixel {

@@ -13,6 +13,8 @@ effect! {
     /// without (0, 0). The c_ij are normal and fixed, and scaled so that the mean square of m over
     /// sensors and pixels is σ². EMVA 1288 release 4.0, annex C.5.
     ///
+    /// Source: EMVA 1288 release 4.0, annex C.5.
+    ///
     /// Closed form: mean square of the relative response σ² over sensors and pixels; no terms above
     /// the order.
     PrnuLowFrequency, "prnu-low-frequency", Photo, Pattern, Pixel {

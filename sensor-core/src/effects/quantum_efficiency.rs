@@ -9,6 +9,8 @@ effect! {
     ///
     /// µ *= r. The mean changes, and the shot noise with it; the gain does not.
     ///
+    /// Source: EMVA 1288 release 4.0, section 2.1.
+    ///
     /// Closed form: mean and variance r times those without it.
     QuantumEfficiency, "quantum-efficiency", Light, Response, Pixel {
         /// Photo-electrons relative to what the curve gives

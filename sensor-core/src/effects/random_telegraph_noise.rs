@@ -21,6 +21,8 @@ effect! {
     /// 2 s d(1−d) A². In a share of the pixels the jumps go down: −A. A pixel with two traps comes
     /// of two such effects. Wang et al. 2006; Goiffon et al. 2009.
     ///
+    /// Source: Wang et al. 2006; Goiffon et al. 2009.
+    ///
     /// Closed form: of one sample, mean A d and variance A² d(1−d), with autocovariance A²
     /// d(1−d)(1−q)^|n|; of two, mean 0 and variance 2 s d(1−d) A².
     RandomTelegraphNoise, "random-telegraph-noise", Voltage, Temporal, Pixel {

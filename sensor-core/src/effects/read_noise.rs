@@ -15,6 +15,8 @@ effect! {
     /// different value in each pixel see the effect `read-noise-spread`; a `gain-table` may give it
     /// gain by gain.
     ///
+    /// Source: Chen et al. 2009, eq. 10.
+    ///
     /// Closed form: variance r² − r_post² + (r_post/G)² in every pixel, input-referred; 0 between
     /// pixels and frames.
     ReadNoise, "read-noise", Voltage, Temporal, Pixel {

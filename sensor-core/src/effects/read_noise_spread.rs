@@ -13,6 +13,8 @@ effect! {
     /// This effect only alters the read-noise stage; alone it does nothing. Noise maps of
     /// scientific CMOS sensors (for example Huang et al. 2013).
     ///
+    /// Source: definition; maps as of Huang et al. 2013.
+    ///
     /// Closed form: pixels' variances have mean r² exp(2s²) and mean square r⁴ exp(8s²).
     ReadNoiseSpread, "read-noise-spread", Voltage, Temporal, Pixel {
         /// Standard deviation of the logarithm of a pixel's read noise

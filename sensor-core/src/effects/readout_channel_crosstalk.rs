@@ -9,6 +9,8 @@ effect! {
     ///
     /// v(x) += c v(W − 1 − x): a faint mirror image. Freyhammer et al. 2001.
     ///
+    /// Source: Freyhammer et al. 2001.
+    ///
     /// Closed form: a spot of v at column x has an image of c v at column W − 1 − x.
     ReadoutChannelCrosstalk, "readout-channel-crosstalk", Voltage, Response, Pixel {
         /// Coupling c

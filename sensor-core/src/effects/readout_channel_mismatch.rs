@@ -11,6 +11,8 @@ effect! {
     /// v = v (1 + σ_g z_g(x mod n)) + σ_o z_o(x mod n), with z standard normal and fixed.
     /// Input-referred.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: column means repeat every n columns, with variance σ_o² + σ_g² v² over the
     /// channels.
     ReadoutChannelMismatch, "readout-channel-mismatch", Voltage, Pattern, Pixel {

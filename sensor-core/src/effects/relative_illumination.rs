@@ -9,6 +9,8 @@ effect! {
     /// µ *= 1 + k r², with r the distance from the centre, 1 at the corners; the same for all
     /// channels.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: µ (1 + k r²) at a distance r.
     RelativeIllumination, "relative-illumination", Light, Response, Pixel {
         /// Change k at the corners

@@ -15,6 +15,8 @@ effect! {
     /// taken as ranges of its mean step; errors of compression that depend on neighbours are not
     /// modelled.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: of a ramp, codes a + ⌈n s − r⌉ alone, each as wide as its step; noise that is
     /// wider than a step gets s²/12 DN² more variance. Codes that are cut lie (s − 1)/2 DN lower.
     Requantised, "requantised", Voltage, Response, Pixel {

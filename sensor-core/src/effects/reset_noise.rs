@@ -12,6 +12,8 @@ effect! {
     /// section
     /// 7.
     ///
+    /// Source: Janesick 2007, section 7.
+    ///
     /// Closed form: variance k T C/q² times the square of the part that remains.
     ResetNoise, "reset-noise", Voltage, Temporal, Pixel {
         /// Capacitance of the sense node

@@ -25,6 +25,8 @@ effect! {
     /// others, and frames are independent. Input-referred. After the octave sums of Voss (Gardner
     /// 1978) and the wavelet synthesis of 1/f noise (Wornell 1993).
     ///
+    /// Source: Gardner 1978; Wornell 1993.
+    ///
     /// Closed form: row means have variance σ² G^(2p), and the sum of the octaves' autocovariances
     /// as theirs.
     RowCorrelatedNoise, "row-correlated-noise", Voltage, Temporal, Pixel {

@@ -12,6 +12,8 @@ effect! {
     /// part is N_fpn of eq. 10 of Chen et al. 2009, a vector over rows with zero mean; the second
     /// is that of dark current, as of the columns (`column-offset-fpn`). Input-referred.
     ///
+    /// Source: Chen et al. 2009, eq. 10.
+    ///
     /// Closed form: variance of row means σ² + d², of their differences between frames 0.
     RowOffsetFpn, "row-offset-fpn", Voltage, Pattern, Pixel {
         /// Standard deviation over rows

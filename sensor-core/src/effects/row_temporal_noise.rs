@@ -12,6 +12,8 @@ effect! {
     /// v += σ z(y, frame) + (−1)^x τ w(y, frame), with z and w standard normal, white over rows and
     /// frames. Input-referred. Wei et al. 2020.
     ///
+    /// Source: Wei et al. 2020.
+    ///
     /// Closed form: over frames the variance of a row mean is σ² G^(2p) above that of its white
     /// noise, that of half the difference of its even and odd columns τ² G^(2p); other rows and
     /// frames are independent.

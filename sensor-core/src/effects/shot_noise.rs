@@ -16,6 +16,8 @@ effect! {
     /// chi-square over 1e8 draws. For exact counts see the effect `exact-shot-noise` (feature of
     /// the same name).
     ///
+    /// Source: Chen et al. 2009, eq. 10.
+    ///
     /// Closed form: mean µ, variance µ, third central moment µ; pixels and frames independent.
     ShotNoise, "shot-noise", Light, Shot, Pixel {}
 }

@@ -9,6 +9,8 @@ effect! {
     /// A fixed fraction f of the pixels reads black level + `level` x (2^bits − 1) DN at any
     /// analogue gain, since what is stuck lies at the converter's input; 1 and above is stuck white.
     ///
+    /// Source: definition.
+    ///
     /// Closed form: a share f of the pixels reads black level + level x (2^bits − 1) DN, rounded,
     /// without noise.
     StuckPixels, "stuck-pixels", Voltage, Defect, Pixel {

@@ -9,6 +9,8 @@ effect! {
     /// v *= g, signal and noise alike, so that DN per electron are g G (2^bits − 1)/W. K of EMVA
     /// 1288. Put it after the other effects on the signal and before those of the converter.
     ///
+    /// Source: EMVA 1288.
+    ///
     /// Closed form: signal and standard deviation g times those without it.
     SystemGain, "system-gain", Voltage, Response, Pixel {
         /// Gain relative to that of eq. 11

@@ -4,7 +4,7 @@ use super::Output;
 use crate::notes::Notes;
 use camrig_base::{Bands, Error, Result};
 use camrig_calibrate::reflectance::{
-    LinearFrame, Reference, Reflectance, Settings, read_training,
+    LinearFrame, MeasuredChart, Reference, Reflectance, Settings, read_training,
 };
 use camrig_calibrate::spectral::{self, Report};
 use camrig_calibrate::view::Region;
@@ -46,8 +46,31 @@ pub struct SpectralArgs {
     /// Relative noise assumed by the estimate
     #[arg(long, default_value_t = spectral::NOISE, value_parser = crate::arguments::positive)]
     noise: f64,
+    /// A ColorChecker measured under one of several lights, the paper's own calibration: exitances
+    /// of its 24 patches (CSV of wavelength_nm,NAME,...), a frame of it, and the rectangle around the
+    /// patches. All lights on one scale, frames of one exposure and gain or from `scene hdr`; they
+    /// replace the camera's quantum efficiency
+    #[arg(long, value_name = "CSV,FRAME,X,Y,W,H", value_parser = exitance)]
+    exitance: Vec<Exitance>,
     #[command(flatten)]
     to: Output,
+}
+
+/// What `--exitance` names.
+#[derive(Clone, Debug)]
+struct Exitance {
+    csv: PathBuf,
+    frame: PathBuf,
+    chart: Region,
+}
+
+fn exitance(text: &str) -> Result<Exitance, String> {
+    let parts: Vec<&str> = text.splitn(3, ',').collect();
+    let [csv, frame, chart] = parts[..] else {
+        return Err("give CSV,FRAME,X,Y,W,H".into());
+    };
+    let chart = chart.parse()?;
+    Ok(Exitance { csv: csv.into(), frame: frame.into(), chart })
 }
 
 /// Runs `scene spectral`.
@@ -61,7 +84,10 @@ pub fn spectral(args: &SpectralArgs) -> Result<()> {
         notes.iter().for_each(|note| eprintln!("note: {note}"));
         training.extend(spectra);
     }
+    let measured = |e: &Exitance| MeasuredChart::read(&e.csv, &e.frame, &e.chart);
+    let exitances = args.exitance.iter().map(measured).collect::<Result<Vec<_>>>()?;
     let settings = Settings {
+        exitances: &exitances,
         reference: args.reference()?,
         lights: args.lights()?,
         components: args.components()?,

@@ -83,7 +83,47 @@ pub struct Settings<'a> {
     pub training: &'a [Vec<f64>],
     /// Relative noise that the estimate allows for, 1 = 100 %.
     pub noise: f64,
+    /// A ColorChecker under several lights, measured: what the camera sees is taken from these, not
+    /// from its quantum efficiency, where there are some ([`spectral::sensitivities`]).
+    pub exitances: &'a [MeasuredChart],
 }
+
+/// The patches of a ColorChecker under one light.
+pub struct MeasuredChart {
+    /// Exitance of each in [`Bands::VISIBLE`], on one scale for all lights.
+    exitances: Vec<Vec<f64>>,
+    /// Signal of each in every channel, on one scale for all lights.
+    signals: Vec<Vec<f64>>,
+}
+
+impl MeasuredChart {
+    /// Exitances that a spectroradiometer measured, as CSV of `wavelength_nm` and the 24 patches in
+    /// their order, and a frame of the chart in the same light.
+    ///
+    /// # Errors
+    /// Files that are missing or of another kind; not 24 spectra over [`Bands::VISIBLE`].
+    pub fn read(exitances: &Path, frame: &Path, chart: &Region) -> Result<Self> {
+        let table = SpectralTable::read(exitances)?;
+        let bands = Bands::VISIBLE;
+        let spectra = table
+            .must_cover([bands.nm(0), bands.nm(bands.count - 1)])
+            .and_then(|()| spectra(&table, &bands))
+            .map_err(|e| e.at(exitances.display()))?;
+        if spectra.len() != PATCHES || spectra.iter().flatten().any(|v| *v < 0.0) {
+            return Err(Error::input(format!("{} spectra", spectra.len()))
+                .at(exitances.display())
+                .help("give the exitances of the 24 patches, 0 or more, in their order"));
+        }
+        let frame = LinearFrame::read(frame)?;
+        let signals = View::new(&frame.signal, &frame.cfa).patches(chart)?;
+        Ok(Self { exitances: spectra, signals })
+    }
+}
+
+/// Patches of a ColorChecker.
+const PATCHES: usize = 24;
+/// Components of exitances, as the paper found adequate.
+const EXITANCE_COMPONENTS: usize = 6;
 
 /// Reads training reflectances: a CSV file of `wavelength_nm,NAME,...` in fractions or per cent, in
 /// [`Bands::VISIBLE`]; and notes on what was assumed of it.
@@ -137,7 +177,19 @@ impl Reflectance {
     ) -> Result<Self> {
         let bands = Bands::VISIBLE;
         let view = View::new(&frame.signal, &frame.cfa);
-        let sensitivity = sensitivity(camera, &view.letters, &bands)?;
+        let all = |of: fn(&MeasuredChart) -> &[Vec<f64>]| -> Vec<Vec<f64>> {
+            settings.exitances.iter().flat_map(|chart| of(chart).to_vec()).collect()
+        };
+        let sensitivity = match settings.exitances {
+            [] => sensitivity(camera, &view.letters, &bands)?,
+            _ => {
+                let (spectra, signals) = (all(|c| &c.exitances), all(|c| &c.signals));
+                if signals.iter().any(|s| s.len() != view.letters.len()) {
+                    return Err(Error::disagreement("frames of different channels"));
+                }
+                spectral::sensitivities(&spectra, &signals, EXITANCE_COMPONENTS)?
+            }
+        };
         let Scale { light, white, chart_residual, patches: measured } =
             Scale::of(&view, &sensitivity, &bands, settings)?;
         let channels = Channels::new(&sensitivity, &light.in_bands(&bands))?;

@@ -12,6 +12,12 @@
 //!
 //! The plain alternative, w = A⁺ r with components about zero, is kept for comparison. Estimates
 //! are clipped to 0..=1.
+//!
+//! C is known of a camera whose quantum efficiency is known. The paper's own route needs none: the
+//! exitances S_i of the patches of a chart are measured under three lights, beside the camera's
+//! signals r_i of them. With B the first k components of all S_i about zero and S_i = B w_i (eq. 1),
+//! C B follows from r_i = (C B) w_i (eq. 3) by least squares, and C = (C B) Bᵀ, which has no part
+//! that no measured exitance shows ([`sensitivities`]). From there both routes are one.
 
 use camrig_base::Bands;
 use camrig_base::{Error, Result};
@@ -50,6 +56,28 @@ impl Channels {
     pub fn see(&self, reflectance: &[f64]) -> Vec<f64> {
         apply(&self.0, &Vector::from_column_slice(reflectance)).data.into()
     }
+}
+
+/// Sensitivities per channel and band, on any scale, from exitances that were measured and the
+/// signals of each, by their first `components` components; see the module's text.
+///
+/// # Errors
+/// More components than spectra allow, spectra that do not tell them apart.
+pub fn sensitivities(
+    exitances: &[Vec<f64>],
+    signals: &[Vec<f64>],
+    components: usize,
+) -> Result<Vec<Vec<f64>>> {
+    let (_, basis, _) = principal_components(exitances, components, false)?;
+    let spectra = Matrix::from_fn(basis.nrows(), exitances.len(), |b, i| exitances[i][b]);
+    let seen = Matrix::from_fn(signals[0].len(), signals.len(), |c, i| signals[i][c]);
+    let weights = Singular::of(&product(&basis.transpose(), &spectra));
+    let inverse = weights.pseudo_inverse(1e-12).ok_or_else(|| {
+        Error::input("the exitances do not determine the channels")
+            .help("measure the patches under lights that differ, as daylight and tungsten do")
+    })?;
+    let channels = product(&product(&seen, &inverse), &basis.transpose());
+    Ok(channels.row_iter().map(|row| row.iter().copied().collect()).collect())
 }
 
 /// A linear estimator: S = offset + matrix · r.
@@ -306,6 +334,49 @@ mod tests {
                 assert!((got - expected).abs() < 1e-5, "{got} {expected}");
             }
         }
+    }
+
+    /// A camera of which nothing is known but what it saw of 24 patches under daylight, tungsten and
+    /// a fluorescent lamp: its signals are reproduced, and reflectances come out nearly as well as
+    /// with its known quantum efficiency, under a fourth light too.
+    #[test]
+    fn exitances_under_three_lights_stand_for_the_quantum_efficiency() {
+        let (patches, bands) = (patches(), Bands::VISIBLE);
+        let known = Camera::load("mt9v024").unwrap().sensor.response(&bands);
+        let light = |name| Illuminant::parse(name).unwrap().in_bands(&bands);
+        let (mut exitances, mut signals) = (Vec::new(), Vec::new());
+        for name in ["D65", "A", "F11"] {
+            let light = light(name);
+            for patch in &patches {
+                let exitance: Vec<f64> = patch.iter().zip(&light).map(|(r, l)| r * l).collect();
+                let signal = |s: &Vec<f64>| s.iter().zip(&exitance).map(|(s, e)| s * e).sum();
+                signals.push(known.iter().map(signal).collect::<Vec<f64>>());
+                exitances.push(exitance);
+            }
+        }
+        let found = sensitivities(&exitances, &signals, 6).unwrap();
+        for (exitance, signal) in exitances.iter().zip(&signals) {
+            for (channel, exact) in found.iter().zip(signal) {
+                let again: f64 = channel.iter().zip(exitance).map(|(s, e)| s * e).sum();
+                // Six components leave a few per cent of the spikes of a fluorescent lamp.
+                assert!((again / exact - 1.0).abs() < 0.05, "{again} {exact}");
+            }
+        }
+        for name in ["D65", "A", "D50"] {
+            let rmse = |sensitivity: &[Vec<f64>]| {
+                let seen = Channels::new(&known, &light(name)).unwrap();
+                let channels = Channels::new(sensitivity, &light(name)).unwrap();
+                let signals: Vec<Vec<f64>> = patches.iter().map(|p| seen.see(p)).collect();
+                let method = Method::Regularised(NOISE);
+                let estimates =
+                    leave_one_out(&channels, &patches, &[], 6, method, Some(&signals)).unwrap();
+                report(&bands, &patches, &estimates).unwrap().rmse
+            };
+            let (by_exitance, by_efficiency) = (rmse(&found), rmse(&known));
+            println!("{name}: rmse {by_exitance:.4}, with the efficiency {by_efficiency:.4}");
+            assert!(by_exitance < 1.2 * by_efficiency, "{by_exitance} {by_efficiency}");
+        }
+        assert!(sensitivities(&exitances[..3], &signals[..3], 6).is_err());
     }
 
     /// The 24 patches, each estimated from the other 23: the prior beats the plain pseudo-inverse

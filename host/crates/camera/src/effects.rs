@@ -64,10 +64,16 @@ pub struct EffectKind {
 }
 
 impl EffectKind {
-    /// The test of sensor-core that holds the effect against its closed form, in f32 and in fixed
-    /// point; `None` for those of the optics.
-    pub fn test(&self) -> Option<String> {
-        self.number.map(|_| self.kind.replace('-', "_"))
+    /// The test that holds the effect against its closed form over its range: of sensor-core, in f32
+    /// and in fixed point; for effects of the optics, which act before both, of camrig-render.
+    pub fn test(&self) -> String {
+        self.kind.replace('-', "_")
+    }
+
+    /// Where its equation comes from: a publication, a standard, or that it is a definition.
+    pub fn source(&self) -> &'static str {
+        let after = self.doc.split_once("Source: ").map_or("", |(_, after)| after);
+        after.split_once("Closed form: ").map_or(after, |(source, _)| source).trim()
     }
 
     /// What it does to a known signal, in closed form: what its test holds it against.

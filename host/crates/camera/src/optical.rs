@@ -108,6 +108,7 @@ impl OpticalEffect {
                   Wavefront error δ/(8 Nw²) at the pupil's edge, Nw the image-side f-number; OTF \
                   of Hopkins 1955 for a perfect lens, traced for a prescription. A characterised \
                   lens knows no wavefront and cannot be defocused.\n\n\
+                  Source: Hopkins 1955, Proc. R. Soc. A 231, 91.\n\n\
                   Closed form: the MTF of a defocused perfect lens as Hopkins gives it.",
             parameters: &[parameter(
                 "shift_um",
@@ -123,6 +124,7 @@ impl OpticalEffect {
             doc: "Lateral colour: the image has another size at each wavelength.\n\n\
                   Radial displacement in proportion to the height; 0 at 550 nm, linear in \
                   wavelength between 450, 550 and 650 nm, constant beyond.\n\n\
+                  Source: definition.\n\n\
                   Closed form: a point at the height h lies h/h_corner times the \
                   displacement further out at 450 and 650 nm.",
             parameters: &[
@@ -148,6 +150,7 @@ impl OpticalEffect {
             doc: "Distortion: points lie elsewhere in the image than the lens model has them.\n\n\
                   Real height = h·(size + k1·r² + k2·r⁴), r = h over the half diagonal of the \
                   sensor (Brown 1966); size is another object distance.\n\n\
+                  Source: Brown 1966.\n\n\
                   Closed form: the height of a point, by the equation.",
             parameters: &[
                 parameter("k1", "1", "Third-order change in the corner", (-0.1, 0.2), Some(0.0)),
@@ -161,6 +164,7 @@ impl OpticalEffect {
             doc: "Decentred sensor: the optical axis does not meet its centre.\n\n\
                   Distortion, fall-off and field-dependent blur are about the axis; the scene \
                   stays centred on the sensor.\n\n\
+                  Source: definition.\n\n\
                   Closed form: fall-off and displacement of a point by its distance from the axis, \
                   not from the centre.",
             parameters: &[
@@ -180,6 +184,7 @@ impl OpticalEffect {
             doc: "Transmittance of the lens: it passes another share of the light than [lens] \
                   says.\n\n\
                   Irradiance ·= factor + slope·(λ − 550 nm)/100 nm, at least 0.\n\n\
+                  Source: definition.\n\n\
                   Closed form: electrons times factor at 550 nm, by the slope elsewhere.",
             parameters: &[
                 parameter("factor", "1", "Factor at 550 nm", (0.01, 2.0), None),
@@ -191,9 +196,10 @@ impl OpticalEffect {
             kind: "f-number",
             doc: "Another f-number: the stop of the lens is not the one that [lens] says, as after \
                   one click of the aperture ring.\n\n\
-                  N = N₀/√light, with all that depends on it: irradiance 1/N², the Airy disc \
-                  (Goodman 2005, section 6.2), the depth of focus; one stop is light = 0.5. Of a lens of kind \
+                  N = N₀/√light, with all that depends on it: irradiance 1/N², the Airy disc, \
+                  the depth of focus; one stop is light = 0.5. Of a lens of kind \
                   \"diffraction-limited\"; others have figures for their own stop.\n\n\
+                  Source: Chen et al. 2009, eqs. 6 and 7.\n\n\
                   Closed form: electrons times light, cutoff of the MTF times its root.",
             parameters: &[parameter(
                 "light",
@@ -209,6 +215,7 @@ impl OpticalEffect {
             doc: "Veiling glare: light scattered in the lens lies over the whole image \
                   (ISO 9358).\n\n\
                   E = (1 − g)·E + g·mean of E over the frame, per wavelength.\n\n\
+                  Source: ISO 9358.\n\n\
                   Closed form: in a frame half black and half white, black reads g/2 of \
                   white's light without glare.",
             parameters: &[parameter(

@@ -138,14 +138,6 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
                 )
             })
         }
-        Effect::Companding(e) => (e.knee_2 < e.knee_1).then(|| {
-            format!("has its knee_2 = {} below knee_1 = {}, where it is taken", e.knee_2, e.knee_1)
-        }),
-        Effect::Requantised(e) => {
-            let starts = [e.from_1_dn, e.from_2_dn, e.from_3_dn, e.from_4_dn];
-            let back = starts.windows(2).find(|two| two[1] < two[0])?;
-            Some(format!("has a range from {} DN behind one from {} DN", back[1], back[0]))
-        }
         Effect::Fringing(e) => {
             let (sine, cosine) = libm::sincos(f64::from(e.direction_deg).to_radians());
             let across =
@@ -288,15 +280,6 @@ mod tests {
             "0.65 fringes per pixel",
         );
         told(&[("effect.defective-columns.fraction", 1e-4)], "is none");
-        let knees = [
-            ("effect.companding.knee_1", 0.5),
-            ("effect.companding.slope_1", 0.5),
-            ("effect.companding.knee_2", 0.4),
-        ];
-        told(&knees, "below knee_1");
-        let starts =
-            [("effect.requantised.from_1_dn", 500.0), ("effect.requantised.from_2_dn", 400.0)];
-        told(&starts, "behind one from 500 DN");
     }
 
     #[test]

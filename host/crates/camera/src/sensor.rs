@@ -264,7 +264,7 @@ impl Camera {
     /// loading.
     ///
     /// # Errors
-    /// More effects than a sensor takes.
+    /// More effects than a sensor takes; one whose places on a scale do not rise.
     pub fn check_chain(&self) -> Result<()> {
         let chain = self.chain();
         let windows = chain.iter().filter(|e| e.entry().needs == Needs::Neighbours).count();
@@ -275,6 +275,30 @@ impl Camera {
                 MAX_EFFECTS - (chain.len() - self.effects.len())
             )));
         }
-        Ok(())
+        self.effects.iter().try_for_each(places_in_order)
+    }
+}
+
+/// Refuses an effect of several places on a scale that do not rise: what lies between them would be
+/// anyone's guess.
+fn places_in_order(effect: &Effect) -> Result<()> {
+    let places = match effect {
+        Effect::Companding(e) => vec![("knee_1", e.knee_1), ("knee_2", e.knee_2)],
+        Effect::Requantised(e) => vec![
+            ("from_1_dn", e.from_1_dn),
+            ("from_2_dn", e.from_2_dn),
+            ("from_3_dn", e.from_3_dn),
+            ("from_4_dn", e.from_4_dn),
+        ],
+        _ => return Ok(()),
+    };
+    match places.windows(2).find(|two| two[1].1 < two[0].1) {
+        None => Ok(()),
+        Some(two) => {
+            let [(first, low), (second, high)] = [two[0], two[1]];
+            Err(Error::input(format!("{second} = {high} is below {first} = {low}"))
+                .at(format!("[[effect]] kind = {:?}", effect.entry().kind))
+                .help("give them in rising order"))
+        }
     }
 }

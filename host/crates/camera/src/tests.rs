@@ -101,6 +101,14 @@ fn optical_effects_are_kept_apart_from_the_sensor() {
         ("kind = \"defocus\"", "\"shift_um\" of \"defocus\" is missing"),
         ("kind = \"defocus\"\nshift_um = 2000", "-1000 to 1000"),
         ("kind = \"veiling-glar\"\nfraction = 0.1", "did you mean \"veiling-glare\""),
+        (
+            "kind = \"companding\"\nknee_1 = 0.5\nslope_1 = 0.5\nknee_2 = 0.4",
+            "knee_2 = 0.4 is below knee_1 = 0.5",
+        ),
+        (
+            "kind = \"requantised\"\nstep_0_dn = 2\nfrom_1_dn = 500\nfrom_2_dn = 400",
+            "from_2_dn = 400 is below from_1_dn = 500",
+        ),
     ] {
         let message = told(&format!("{GOOD}\n[[effect]]\n{effect}\n"));
         assert!(message.contains(expected), "{effect}: {message}");

@@ -6,7 +6,7 @@ use camrig_base::{Error, Plane, RawFrame, Result};
 use camrig_camera::{Camera, CrosstalkTable};
 use camrig_sensor_core::arith::{Arith, BLOCK, Block, Fixed, Float, blocks};
 use camrig_sensor_core::config::{FrameSettings, SensorConfig};
-use camrig_sensor_core::effects::Needs;
+use camrig_sensor_core::effects::{Effect, Needs};
 use camrig_sensor_core::pipeline::MeanRows;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -23,6 +23,35 @@ pub enum Arithmetic {
 }
 
 camrig_base::choices!(Arithmetic, "arithmetic": F32 = "f32", Fixed = "fixed");
+
+/// Most DN per electron, all gains together, in fixed point. Its stages round by 2⁻¹³ e⁻, here 0.01
+/// DN each; up to there it agrees with floating point to one DN, or to one electron where charge is
+/// counted (`sensor-core/tests/both_arithmetics.rs`).
+pub const MAX_FIXED_DN_PER_E: f64 = 64.0;
+
+impl Arithmetic {
+    /// Refuses a sensor that this arithmetic does not compute to one DN.
+    ///
+    /// # Errors
+    /// Fixed point and more than [`MAX_FIXED_DN_PER_E`].
+    pub fn check(self, config: &SensorConfig, settings: &FrameSettings) -> Result<()> {
+        let gain = |effect: &Effect| match effect {
+            Effect::SystemGain(e) => f64::from(e.ratio),
+            _ => 1.0,
+        };
+        let gains: f64 = config.effects.iter().map(gain).product();
+        let dn_per_e = f64::from(config.dn_per_e(settings.analog_gain)) * gains;
+        if self == Self::F32 || dn_per_e <= MAX_FIXED_DN_PER_E {
+            return Ok(());
+        }
+        Err(Error::limit(format!("{dn_per_e:.0} DN per electron in fixed point"))
+            .at(format!("gain {}", settings.analog_gain))
+            .help(format!(
+                "it is right to one DN up to {MAX_FIXED_DN_PER_E}: use floating point, less gain, \
+                 fewer bits or a larger full well"
+            )))
+    }
+}
 
 /// What the traps of a sensor (effect `persistence`) hold between its frames, e⁻: four bytes for
 /// each pixel and effect. Empty at first.
@@ -128,6 +157,7 @@ impl SimulatedSensor {
     ) -> Result<RawFrame> {
         let FrameOptions { before, traps, arithmetic } = options;
         settings.check().map_err(refused)?;
+        arithmetic.check(&self.config, settings)?;
         let (width, height) = (self.config.width as usize, self.config.height as usize);
         let mut data = vec![0; width * height];
         let with_traps = self.effects_with_traps();

@@ -1,23 +1,21 @@
 //! The reference: the physics of the engine by direct sums in f64, for small images.
 //!
-//! It shares with the engine what is data — the padded cell grid, the scene on it and the PSF
-//! tables — and nothing of how the engine computes: no fast transform, no folding, no tiles. Every
+//! It shares with the engine what is data — the padded cell grid, the scene on it and the kernels — and nothing of how the engine computes: no fast transform, no folding, no tiles. Every
 //! cell scatters through the PSF of its own place, or, to tell the engine's arithmetic from its
 //! interpolation, through the blend of the nodes around it ([`Psfs`]). Cost grows with the square
 //! of the number of cells: keep images below some 64 x 64 pixels.
 
 use super::engine::FieldGrids;
-use super::engine::fourier;
+use super::engine::fourier::{self, Kernel};
 use super::engine::nodes::Place;
 use super::engine::psf::KernelGrid;
-use super::engine::sampling::{Layout, sinc};
+use super::engine::sampling::Layout;
 use super::engine::source::{Source, Warp};
 use super::engine::wide::Wide;
-use super::engine::{Blur, Lens, Options, Otf, SensorGrid};
+use super::engine::{Blur, Lens, Options, SensorGrid};
 use camrig_base::{Plane, Result};
 use camrig_scene::LitScene;
 use std::borrow::Cow;
-use std::f64::consts::TAU;
 
 /// Which PSF a cell of the scene has where PSFs vary over the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,17 +55,20 @@ pub fn irradiance(
     };
     let mut plane = match lens.blur(nm) {
         Blur::Otf { core, wings } => {
-            let spread = |part: &Otf, grid: &SensorGrid, layout: &Layout| -> Result<Plane<f64>> {
-                let (kernel, values) = otf_kernel(layout, grid, &part.at);
+            let spread = |kernel: &Kernel, grid: &SensorGrid, layout: &Layout| {
+                let values = kernel.values(&grid.geometry(layout));
                 let cells = cells_of(grid, layout)?;
+                let kernel = otf_grid(layout, grid);
                 Ok(scatter(&cells, layout, &kernel, &|_, _| Cow::Borrowed(&values)))
             };
-            let mut plane =
-                spread(&core, grid, &fourier::layout(grid, oversample, core.spread_um))?;
+            let layout = fourier::layout(grid, oversample, core.spread_um);
+            let kernel = Kernel::of_core(&core, &wings, &grid.geometry(&layout));
+            let mut plane = spread(&kernel, grid, &layout)?;
             for wings in &wings {
                 let wide = Wide::new(grid, &[wings])?;
-                let far = spread(wings, &wide.grid, &wide.layout)?;
-                wide.add_to(&mut plane, &far);
+                let kernel = Kernel::of(wings, &wide.grid.geometry(&wide.layout));
+                let far: Result<Plane<f64>> = spread(&kernel, &wide.grid, &wide.layout);
+                wide.add_to(&mut plane, &far?);
             }
             plane
         }
@@ -102,46 +103,16 @@ pub fn irradiance(
     Ok(plane)
 }
 
-/// The kernel whose transform, at multiples of 1/(its side), is the OTF times the aperture's sinc
-/// over the cell's sinc.
-fn otf_kernel(
-    layout: &Layout,
-    grid: &SensorGrid,
-    otf: &dyn Fn(f64) -> f64,
-) -> (KernelGrid, Vec<f64>) {
+/// Where the entries of an OTF's kernel lie.
+fn otf_grid(layout: &Layout, grid: &SensorGrid) -> KernelGrid {
     let (n, s) = (layout.support(), layout.oversample);
-    let kernel = KernelGrid {
+    KernelGrid {
         size: n,
         before: (n + s) / 2 - 1,
         oversample: s,
         cell_um: grid.pitch_um / s as f64,
         aperture_um: grid.aperture_um(),
-    };
-    let (cell_mm, aperture_mm) = (kernel.cell_um * 1e-3, kernel.aperture_um * 1e-3);
-    let highest = (n - 1) / 2;
-    let frequency = |k: usize| k as f64 / (n as f64 * cell_mm);
-    let gain = |f: f64| sinc(aperture_mm * f) / sinc(cell_mm * f);
-    // Along one axis, wave k and its negative at a distance of i entries from the first.
-    let wave = |k: usize, i: usize| {
-        let distance = i as f64 - (n - 1) as f64 / 2.0;
-        let twice = if k == 0 { 1.0 } else { 2.0 };
-        twice / n as f64 * libm::cos(TAU * (k as f64 * distance) / n as f64)
-    };
-    let waves: Vec<Vec<f64>> =
-        (0..=highest).map(|k| (0..n).map(|i| wave(k, i)).collect()).collect();
-    let mut values = vec![0.0; n * n];
-    for (ky, down) in waves.iter().enumerate() {
-        let mut row = vec![0.0; n];
-        for (kx, across) in waves.iter().enumerate() {
-            let (fx, fy) = (frequency(kx), frequency(ky));
-            let transfer = otf(libm::hypot(fx, fy)) * gain(fx) * gain(fy);
-            row.iter_mut().zip(across).for_each(|(sum, w)| *sum += transfer * w);
-        }
-        for (values, w) in values.chunks_exact_mut(n).zip(down) {
-            values.iter_mut().zip(&row).for_each(|(sum, r)| *sum += w * r);
-        }
     }
-    (kernel, values)
 }
 
 /// Every cell's light through the kernel of its own place.

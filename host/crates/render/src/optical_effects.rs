@@ -20,6 +20,8 @@ pub struct Optics {
 const BLUE_NM: f64 = 450.0;
 const GREEN_NM: f64 = 550.0;
 const RED_NM: f64 = 650.0;
+/// Ends of what lenses are described for, nm.
+const ENDS_NM: [f64; 2] = [300.0, 1200.0];
 
 impl Optics {
     /// Combines `effects` on a sensor with this grid.
@@ -63,7 +65,12 @@ impl Optics {
                 axis.1 += y_px * grid.pitch_um * 1e-3;
             }
             Change::LensTransmittance { factor, slope } => {
-                let nm: Vec<f64> = (30..=120).map(|i| f64::from(i) * 10.0).collect();
+                // A straight line to where it meets 0, if it does.
+                let zero_nm = GREEN_NM - 100.0 * factor / slope;
+                let nm: Vec<f64> = match ENDS_NM[0] < zero_nm && zero_nm < ENDS_NM[1] {
+                    true => vec![ENDS_NM[0], zero_nm, ENDS_NM[1]],
+                    false => ENDS_NM.to_vec(),
+                };
                 let at = |nm: &f64| (factor + slope * (nm - GREEN_NM) / 100.0).max(0.0);
                 let factors = nm.iter().map(at).collect();
                 let transmittance = &mut self.departures.transmittance;
@@ -87,6 +94,8 @@ mod tests {
     use camrig_sensor_core::effects::Effect;
     use std::collections::BTreeSet;
 
+    /// Where each effect has its test against its closed form.
+    const TESTS: &str = include_str!("../tests/optical_effects.rs");
     const GRID: SensorGrid =
         SensorGrid { width: 300, height: 400, pitch_um: 2.0, fill_factor: 1.0 };
 
@@ -102,6 +111,11 @@ mod tests {
         for entry in OpticalEffect::CATALOGUE {
             assert!(kinds.insert(entry.kind), "{} is there twice", entry.kind);
             assert!(entry.doc.len() > 40, "{}", entry.kind);
+            for part in ["Source: ", "Closed form: "] {
+                assert!(entry.doc.contains(&format!("\n\n{part}")), "{}: {part}", entry.kind);
+            }
+            let test = format!("fn {}() {{", entry.kind.replace('-', "_"));
+            assert!(TESTS.contains(&test), "{}", entry.kind);
             for p in entry.parameters {
                 assert!(p.min < p.max && !p.doc.is_empty() && !p.unit.is_empty(), "{}", p.key);
                 assert!(p.default.is_none_or(|d| (p.min..=p.max).contains(&d)), "{}", p.key);

@@ -743,6 +743,7 @@ fn announcement(
     if request.rows_stay {
         shape.raw_bytes = RECEIPT_BYTES as u16;
     }
+    request.arithmetic.check(config, &request.settings)?;
     let begin = FrameBegin {
         transfer: 0,
         frame: request.settings.frame,

@@ -13,8 +13,11 @@
 //! 5. the SFR is divided by the transfer functions of the central difference (the standard's
 //!    correction) and of averaging over a bin, and by the step's height including the tails that
 //!    diffraction spreads beyond the region (the standard divides by the windowed height, which
-//!    raises the SFR of small pixels at f/8 by some per cent). Uneven light over the region has
-//!    the same effect as such tails.
+//!    raises the SFR of small pixels at f/8 by some per cent).
+//!
+//! Before the first step, uneven light over the region is taken off: relative illumination and
+//! shading, but neither the tails of diffraction nor any that end within the region (`trend.rs`).
+//! So the response does not depend on the region's size.
 //!
 //! Two steps of the standard are done otherwise, as noise would pull the SFR down. The line is
 //! fitted to all samples at once (`line.rs`): centroids of noisy rows scatter, and a line through
@@ -33,11 +36,13 @@
 mod line;
 mod search;
 mod sfr;
+mod trend;
 
 pub use self::search::find_edges;
 
 use self::line::EdgeLine;
 use self::sfr::{Sfr, Spread};
+use self::trend::Trend;
 use super::rounding::QUANTISATION_LIMITED;
 use camrig_base::Cfa;
 use camrig_base::Value;
@@ -238,8 +243,10 @@ pub fn measure_frames(
 ) -> Result<Edge> {
     let frames: Vec<(&Plane<u16>, Option<u16>)> =
         frames.iter().map(|(frame, white)| (frame.borrow(), *white)).collect();
+    let trend = trend(&frames, cfa, channel, roi);
     let numbered = |(i, &(frame, white)): (usize, &(&Plane<u16>, Option<u16>))| {
-        let found = find(frame, cfa, channel, roi, white);
+        let found =
+            find(frame, cfa, channel, roi, white).and_then(|found| found.without(trend.as_ref()));
         found.map_err(|e| if frames.len() > 1 { e.at(format!("frame {i}")) } else { e })
     };
     let found: Vec<Found> = frames.iter().enumerate().map(numbered).collect::<Result<_>>()?;
@@ -419,9 +426,11 @@ pub fn response<T: Copy + Into<f64>>(
     white_level_dn: Option<u16>,
     frequencies: &[f64],
 ) -> Result<Response> {
-    let Found { mut rows, step, line, .. } = find(frame, cfa, channel, roi, white_level_dn)?;
-    exclude_defects(&mut rows, &line);
-    let line = EdgeLine::find(&rows, step)?;
+    let mut found = find(frame, cfa, channel, roi, white_level_dn)?;
+    exclude_defects(&mut found.rows, &found.line);
+    let trend = found.trend();
+    let Found { rows, step, line, .. } = found.without(trend.as_ref())?;
+    let line = if trend.is_some() { line } else { EdgeLine::find(&rows, step)? };
     let spread = Spread::of(&rows, &line, step, Spread::reach(&rows, &line), None)?;
     let sfr = Sfr::of(&spread, spread.half())?;
     let [dark, bright] = far_sides(&rows, &line, sfr.half);
@@ -553,8 +562,40 @@ fn find<T: Copy + Into<f64>>(
     let step = step(&rows);
     let line = EdgeLine::find(&rows, step)?;
     check_sides(&rows, &line)?;
-    fill_tails(&mut rows, &line);
     Ok(Found { rows, step, line, near_rows })
+}
+
+impl Found {
+    fn trend(&self) -> Option<Trend> {
+        Trend::of(&self.rows, &self.line, self.step, Spread::reach(&self.rows, &self.line))
+    }
+
+    /// The edge without a trend of its sides, in the same place.
+    fn without(mut self, trend: Option<&Trend>) -> Result<Self> {
+        if let Some(trend) = trend {
+            trend.take_off(&mut self.rows, &self.line);
+            self.line = EdgeLine::find(&self.rows, self.step)?;
+        }
+        fill_tails(&mut self.rows, &self.line);
+        Ok(self)
+    }
+}
+
+/// The trend of the mean of frames, whose noise hides less of it than that of one; none where that
+/// shows no edge, as of frames that are refused later.
+fn trend(
+    frames: &[(&Plane<u16>, Option<u16>)],
+    cfa: &Cfa,
+    channel: char,
+    roi: Roi,
+) -> Option<Trend> {
+    let (first, _) = frames.first()?;
+    let mut mean = Plane::filled(first.width, first.height, 0.0);
+    for (frame, _) in frames {
+        let sum = mean.data.iter_mut().zip(&frame.data);
+        sum.for_each(|(m, v)| *m += f64::from(*v) / frames.len() as f64);
+    }
+    find(&mean, cfa, channel, roi, None).ok()?.trend()
 }
 
 /// Mean distance between neighbouring samples of the rows, pixels: patterns such as X-Trans have

@@ -538,3 +538,44 @@ fn a_response_that_noise_hides_is_refused_with_the_reason() {
     }
     assert!(reasons.iter().any(|r| r.contains("noise") || r.contains("edge")), "{reasons:?}");
 }
+
+/// Relative illumination cos⁴ of 60° over a frame of 700 pixels, on an edge in its middle or off it: whatever the region's size, and in one frame or the mean of many, the closed form.
+#[test]
+fn uneven_light_is_no_blur_whatever_the_size_of_the_region() {
+    let distance = 350.0 / 30f64.to_radians().tan();
+    let (expected, mut rng) = (of_blur(0.9, 5.0), Xoshiro256PlusPlus::seed_from_u64(9));
+    let mut of = |side: usize, away: f64, frames: usize, noise: f64| {
+        let clean = through(side, side, 5.0, 0.2, |f| gauss(0.9, f));
+        let half = 0.5 * side as f64;
+        let lit = |(i, v): (usize, &f64)| {
+            let [x, y] = [i % side, i / side].map(|place| place as f64 + 0.5 - half);
+            let square = (x + away).powi(2) + (y - 0.5 * away).powi(2);
+            64.0 + v * (1.0 + square / distance.powi(2)).powi(-2)
+        };
+        let clean: Vec<f64> = clean.iter().enumerate().map(lit).collect();
+        let normal = Normal::new(0.0, noise).unwrap();
+        let mut one = || {
+            let noisy = clean.iter().map(|v| v + normal.sample(&mut rng));
+            frame(side, side, &noisy.collect::<Vec<_>>())
+        };
+        let frames: Vec<Plane<u16>> = (0..frames).map(|_| one()).collect();
+        let roi = whole(&frames[0]);
+        measure_frames(&seen(&frames), &mono(), 'M', roi, None).unwrap().mtf50_cycles_per_pixel
+    };
+    for (side, away) in
+        [(64, 0.0), (128, 0.0), (256, 0.0), (500, 0.0), (256, 500.0), (500, -400.0)]
+    {
+        let found = of(side, away, 1, 0.1).value;
+        println!("{side} pixels, {away} off: {found:.4}, theory {expected:.4}");
+        assert!((found / expected - 1.0).abs() < 0.01, "{side}, {away}: {found} {expected}");
+    }
+    for frames in [1, 4, 16] {
+        let Value { value, std_error } = of(120, 150.0, frames, 40.0);
+        println!("{frames} frames: {value:.4} ± {std_error:.4}");
+        assert!(
+            (value - expected).abs() < 3.0 * std_error + 0.005 * expected,
+            "{value} {expected}"
+        );
+        assert!(std_error < 0.02 * expected / (frames as f64).sqrt() + 0.005, "{std_error}");
+    }
+}

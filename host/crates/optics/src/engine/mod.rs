@@ -24,6 +24,7 @@ pub mod nodes;
 pub mod over_field;
 pub mod psf;
 mod range;
+mod sharpen;
 pub(super) mod source;
 pub mod stations;
 pub mod varying;
@@ -33,6 +34,7 @@ pub(super) mod wide;
 use camrig_base::{Error, Plane, Result};
 use camrig_scene::LitScene;
 pub use device::{Device, DeviceChoice};
+use fourier::Kernel;
 pub use nodes::{Misplaced, NodeReport};
 pub use over_field::{OverField, PlaneFunction};
 use sampling::Layout;
@@ -263,31 +265,18 @@ impl Band<'_> {
     ) -> Result<Plane<f32>> {
         let oversample = self.oversample(core.cutoff_per_mm, &core.at, report)?;
         let layout = fourier::layout(self.grid, oversample, core.spread_um);
-        let mut plane = self.through_part(core, &layout, buffers, report)?;
+        let geometry = self.grid.geometry(&layout);
+        let kernel = Kernel::of_core(core, wings, &geometry);
+        let mut plane = fourier::blur(&self.source(&layout, report), kernel, &layout, buffers)?;
         for wings in wings {
             let wide = Wide::new(self.grid, &[wings])?;
             let larger = Band { grid: &wide.grid, ..*self };
             report.margin_pixels = report.margin_pixels.max(wide.margin_pixels());
-            wide.add_to(&mut plane, &larger.through_part(wings, &wide.layout, buffers, report)?);
+            let kernel = Kernel::of(wings, &wide.grid.geometry(&wide.layout));
+            let source = larger.source(&wide.layout, report);
+            wide.add_to(&mut plane, &fourier::blur(&source, kernel, &wide.layout, buffers)?);
         }
         Ok(plane)
-    }
-
-    fn through_part(
-        &self,
-        part: &Otf,
-        layout: &Layout,
-        buffers: &mut fourier::Buffers,
-        report: &mut Report,
-    ) -> Result<Plane<f32>> {
-        let source = self.source(layout, report);
-        let geometry = fourier::Geometry {
-            layout,
-            pitch_um: self.grid.pitch_um,
-            aperture_um: self.grid.aperture_um(),
-            cutoff_per_mm: part.cutoff_per_mm,
-        };
-        fourier::blur(&source, &geometry, &part.at, buffers)
     }
 
     fn through_field(
@@ -432,6 +421,11 @@ impl SensorGrid {
     #[must_use]
     pub fn width_mm(&self) -> f64 {
         self.width as f64 * self.pitch_um * 1e-3
+    }
+
+    pub(super) fn geometry<'a>(&self, layout: &'a Layout) -> fourier::Geometry<'a> {
+        let (pitch_um, aperture_um) = (self.pitch_um, self.aperture_um());
+        fourier::Geometry { layout, pitch_um, aperture_um }
     }
 
     fn check(&self) -> Result<()> {

@@ -1,5 +1,6 @@
 //! From point-spread functions to kernels on the cell grid.
 
+use super::sharpen::{box_sums, sharpened};
 use super::stations::Stations;
 use std::f64::consts::TAU;
 
@@ -23,10 +24,8 @@ pub struct PsfField {
 /// (s−1)/2) cells from the cell's centre.
 ///
 /// The cell holds an *average* of the scene, which the pixel's integral would blur a second time.
-/// Averages are turned into point values, to sixth order, by a flow of light between neighbouring
-/// cells ([`FLOWS`]), of which no cell gives more than it has. So no entry is negative and no light
-/// is made or lost, however narrow the PSF; one that is narrower than a cell is not sharpened.
-/// Where the whole pixel is photosensitive, an entry is a sum over the pixel's s x s cells, so that
+/// Averages are turned into point values ([`sharpened`]), so that no entry is negative and no light
+/// is made or lost, however narrow the PSF. Where the whole pixel is photosensitive, an entry is a sum over the pixel's s x s cells, so that
 /// pixels together receive all of a cell's light wherever it lies in its pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KernelGrid {
@@ -48,12 +47,6 @@ pub const TAIL: f64 = 1e-4;
 
 /// The direction in which the rows of a PSF rise on the sensor where it is not turned.
 pub const UPRIGHT: (f64, f64) = (0.0, 1.0);
-
-/// Flow of light between neighbouring cells, from the lower to the higher, that turns averages over
-/// cells into point values at their centres: of the difference of the two, and of that of the next
-/// two. So a point value is (9a₋₂ − 116a₋₁ + 2134a₀ − 116a₁ + 9a₂)/1920, exact for polynomials up
-/// to degree 5.
-const FLOWS: [f64; 2] = [29.0 / 480.0 - 3.0 / 640.0, -3.0 / 640.0];
 
 impl KernelGrid {
     /// The smallest grid that holds PSFs of radius `radius_um`.
@@ -285,51 +278,6 @@ impl KernelGrid {
     }
 }
 
-/// Point values from averages over `n` x `n` cells, along rows and columns ([`FLOWS`]).
-fn sharpened(averages: &[f64], n: usize) -> Vec<f64> {
-    let mut rows = averages.to_vec();
-    rows.chunks_exact_mut(n).for_each(sharpen);
-    let mut turned = transposed(&rows, n);
-    turned.chunks_exact_mut(n).for_each(sharpen);
-    transposed(&turned, n)
-}
-
-fn transposed(values: &[f64], n: usize) -> Vec<f64> {
-    (0..n * n).map(|k| values[k % n * n + k / n]).collect()
-}
-
-fn sharpen(line: &mut [f64]) {
-    let at = |i: usize| i.checked_sub(1).and_then(|i| line.get(i)).copied().unwrap_or(0.0);
-    // From cell i to the next; places of `at` count from the cell before the first.
-    let flow = |i: usize| FLOWS[0] * (at(i + 2) - at(i + 1)) + FLOWS[1] * (at(i + 3) - at(i));
-    let mut flows: Vec<f64> = (0..line.len().saturating_sub(1)).map(flow).collect();
-    let before = |flows: &[f64], i: usize| if i > 0 { flows[i - 1] } else { 0.0 };
-    let shares: Vec<f64> = (0..line.len())
-        .map(|i| {
-            let after = flows.get(i).copied().unwrap_or(0.0);
-            let given = after.max(0.0) - before(&flows, i).min(0.0);
-            if given > line[i] { line[i] / given } else { 1.0 }
-        })
-        .collect();
-    for (i, flow) in flows.iter_mut().enumerate() {
-        *flow *= shares[if *flow > 0.0 { i } else { i + 1 }];
-    }
-    for (i, value) in line.iter_mut().enumerate() {
-        let after = flows.get(i).copied().unwrap_or(0.0);
-        *value = (*value + before(&flows, i) - after).max(0.0);
-    }
-}
-
-/// Sums over squares of `side` of `n` x `n` values, wherever they lie whole.
-fn box_sums(values: &[f64], n: usize, side: usize) -> Vec<f64> {
-    let size = n + 1 - side;
-    let sum = |k: usize| {
-        let corner = k / size * n + k % size;
-        (0..side).map(|j| values[corner + j * n..][..side].iter().sum::<f64>()).sum()
-    };
-    (0..size * size).map(sum).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -390,19 +338,6 @@ mod tests {
                 assert!((f - e).abs() < 2e-3, "{found:?} instead of {expected:?}");
             }
             assert!((kernel.iter().map(|&v| f64::from(v)).sum::<f64>() - 1.0).abs() < 1e-6);
-        }
-    }
-
-    #[test]
-    fn sharpening_makes_averages_points() {
-        // Averages over unit cells of (x−8)⁴ are moments: check the value at the middle cell.
-        let average = |i: f64| ((i + 0.5).powi(5) - (i - 0.5).powi(5)) / 5.0;
-        let n = 17;
-        let values: Vec<f64> = (0..n * n).map(|k| average((k % n) as f64 - 8.0)).collect();
-        let sharp = sharpened(&values, n);
-        for x in 3..14 {
-            let exact = (x as f64 - 8.0).powi(4);
-            assert!((sharp[8 * n + x] - exact).abs() < 1e-9);
         }
     }
 

@@ -23,7 +23,7 @@ mod mapping;
 mod varying_field;
 
 use super::field::FallOff;
-use super::fourier::{self, Blurs, Buffers};
+use super::fourier::{self, Blurs, Buffers, Kernel};
 use super::sampling::Layout;
 use super::source::{Source, Warp};
 use super::wide::Wide;
@@ -319,7 +319,10 @@ impl Job<'_> {
         let spread = cores.iter().fold(0.0f64, |m, core| m.max(core.spread_um));
         let layout = fourier::layout(self.grid, s, spread);
         report.margin_pixels = report.margin_pixels.max(layout.margin);
-        Ok((layout, self.blurs(&cores, gains, self.grid, &layout)))
+        let geometry = self.grid.geometry(&layout);
+        let kernels = bands.iter().map(|(core, wings)| Kernel::of_core(core, wings, &geometry));
+        let blurs = self.blurs(&kernels.collect::<Vec<_>>(), gains, &layout);
+        Ok((layout, blurs))
     }
 
     /// The same of the light that goes far, part by part.
@@ -334,54 +337,23 @@ impl Job<'_> {
             let wings: Vec<&Otf<'_>> = bands.iter().map(|(_, wings)| &wings[k]).collect();
             let wide = Wide::new(self.grid, &wings)?;
             report.margin_pixels = report.margin_pixels.max(wide.margin_pixels());
-            let blurs = self.blurs(&wings, gains, &wide.grid, &wide.layout);
+            let geometry = wide.grid.geometry(&wide.layout);
+            let kernels: Vec<Kernel> = wings.iter().map(|w| Kernel::of(w, &geometry)).collect();
+            let blurs = self.blurs(&kernels, gains, &wide.layout);
             Ok((wide, blurs))
         };
         (0..parts).map(part).collect()
     }
 
-    /// Σ_λ weight · OTF for every channel and component.
-    fn blurs(
-        &self,
-        bands: &[&Otf<'_>],
-        gains: &[f64],
-        grid: &SensorGrid,
-        layout: &Layout,
-    ) -> Blurs {
-        let geometry = fourier::Geometry {
-            layout,
-            pitch_um: grid.pitch_um,
-            aperture_um: grid.aperture_um(),
-            cutoff_per_mm: bands.iter().fold(0.0, |m, otf| otf.cutoff_per_mm.max(m)),
+    /// Σ_λ weight · kernel for every channel and component.
+    fn blurs(&self, kernels: &[Kernel], gains: &[f64], layout: &Layout) -> Blurs {
+        let sum = |weights: &Vec<f64>| {
+            let bands = self.used.iter().zip(gains).zip(kernels);
+            let parts = bands.map(|((&band, gain), kernel)| (weights[band] * gain, kernel));
+            Kernel::sum(&parts.collect::<Vec<_>>())
         };
-        type Sum<'s> = Box<dyn Fn(f64) -> f64 + Send + Sync + 's>;
-        let sum = |weights: &'_ [f64]| -> Vec<(usize, f64)> {
-            let of = |(i, &band): (usize, &usize)| (i, weights[band] * gains[i]);
-            self.used.iter().enumerate().map(of).collect()
-        };
-        let functions: Vec<Vec<Sum<'_>>> = self
-            .mixture
-            .weights
-            .iter()
-            .map(|of_channel| {
-                let function = |weights: &Vec<f64>| -> Sum<'_> {
-                    let terms = sum(weights);
-                    Box::new(move |f| {
-                        let of_band = |&(i, weight): &(usize, f64)| {
-                            let passes = f <= bands[i].cutoff_per_mm;
-                            if passes { weight * (bands[i].at)(f) } else { 0.0 }
-                        };
-                        terms.iter().map(of_band).sum()
-                    })
-                };
-                of_channel.iter().map(function).collect()
-            })
-            .collect();
-        let functions: Vec<Vec<&dyn Fn(f64) -> f64>> = functions
-            .iter()
-            .map(|all| all.iter().map(|f| &**f as &dyn Fn(f64) -> f64).collect())
-            .collect();
-        Blurs::new(&geometry, &functions).kept()
+        let of_channel = |of_channel: &Vec<Vec<f64>>| of_channel.iter().map(sum).collect();
+        Blurs::new(layout, self.mixture.weights.iter().map(of_channel).collect()).kept()
     }
 }
 

