@@ -375,35 +375,39 @@ fn flicker_banding<A: Arith>() {
         depth: 0.5,
         frequency_hz: f as f32,
         row_time_us: (row_time * 1e6) as f32,
-        channel_0: 0.6,
-        channel_1: 1.0,
-        channel_2: 1.5,
-        channel_3: 1.0,
+        plane_0: 0.6,
+        plane_1: 1.0,
+        plane_2: 1.5,
+        plane_3: 0.0,
+        plane_1_lag_deg: 8.0,
+        plane_2_lag_deg: -12.5,
+        plane_3_lag_deg: 0.0,
     };
     let settings = SETTINGS.with_exposure(1.0 / 300.0);
-    // Of every `step`th row from `first` on.
-    let amplitude = |v: &[f64], first: usize, step: usize| {
+    // Of the wave of every second row from `first` on: amplitude, and angle in degrees.
+    let wave = |v: &[f64], first: usize| {
         let (mut s, mut c) = (0.0, 0.0);
         for (i, v) in v.iter().enumerate() {
-            let angle = core::f64::consts::TAU * f * row_time * (first + i * step) as f64;
+            let angle = core::f64::consts::TAU * f * row_time * (first + 2 * i) as f64;
             s += v * angle.sin();
             c += v * angle.cos();
         }
-        s.hypot(c) / (0.5 * v.len() as f64)
+        [s.hypot(c) / (0.5 * v.len() as f64), c.atan2(s).to_degrees()]
     };
     let third = core::f64::consts::PI / 3.0;
     let expected = 2000.0 * 0.5 * third.sin() / third;
-    let config = monochrome(4, 384, &[effect.into()]);
-    let v = row_means(&flat::<A>(&config, &settings, 2000.0), 4);
-    let found = amplitude(&v, 0, 1);
-    assert!((found - 0.6 * expected).abs() < 0.05, "{found} {expected}");
-    assert!((mean(&v) - 2000.0).abs() < 0.05);
     let v = flat::<A>(&bayer(2, 384, &[effect.into()]), &settings, 2000.0);
-    for ([x, y], ratio) in [([0, 0], 0.6), ([1, 0], 1.0), ([0, 1], 1.0), ([1, 1], 1.5)] {
+    let waves = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[x, y]: [usize; 2]| {
         let site: Vec<f64> = v.iter().skip(2 * y + x).step_by(4).copied().collect();
-        let found = amplitude(&site, y, 2);
-        assert!((found - ratio * expected).abs() < 0.05, "{x},{y}: {found} {expected}");
+        assert!((mean(&site) - 2000.0).abs() < 0.05);
+        wave(&site, y)
+    });
+    for (own, [ratio, lag]) in waves.into_iter().zip([[0.6, 0.0], [1.0, 8.0], [1.5, -12.5]]) {
+        assert!((own[0] - ratio * expected).abs() < 0.05, "{waves:?}, {ratio}, {expected}");
+        let later = (waves[0][1] - own[1] + 540.0).rem_euclid(360.0) - 180.0;
+        assert!((later - lag).abs() < 0.02, "{waves:?}, {lag}");
     }
+    assert!(waves[3][0] < 0.05, "{waves:?}");
     let config = monochrome(4, 384, &[effect.into()]);
     let whole_period = SETTINGS.with_exposure(0.01);
     let v = flat::<A>(&config, &whole_period, 2000.0);

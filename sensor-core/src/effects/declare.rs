@@ -88,6 +88,13 @@ macro_rules! catalogue {
             $crate::effects::declare::rises(&[$($id),+]),
             "an effect's number must be above all before it: none is used twice"
         );
+        $(
+            $(#[cfg(feature = $feature)])?
+            const _: () = assert!(
+                $module::$name::ENTRY.parameters.len() <= MAX_PARAMETERS,
+                "an effect has MAX_PARAMETERS parameters at most"
+            );
+        )+
         $($(
             #[cfg(feature = $feature)]
             const _: () = assert!(

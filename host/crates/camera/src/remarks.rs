@@ -85,16 +85,13 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
             beyond_the_channels(camera, by_channel, 0.0)
         }
         Effect::FlickerBanding(e) => {
-            let by_channel = [e.channel_0, e.channel_1, e.channel_2, e.channel_3];
-            beyond_the_channels(camera, by_channel, 1.0).or_else(|| {
-                let channels = by_channel.iter().take(sensor.channel_names.len());
-                let most = channels.map(|a| a * e.depth).fold(0.0, f32::max);
-                (most > 1.0).then(|| {
-                    format!(
-                        "leaves the range of its model: a channel sees a depth of {most:.2}, and \
-                         light is cut at 0 where it is above 1"
-                    )
-                })
+            let places = [e.plane_0, e.plane_1, e.plane_2, e.plane_3];
+            let most = places.into_iter().fold(0.0, f32::max) * e.depth;
+            (most > 1.0).then(|| {
+                format!(
+                    "leaves the range of its model: a place sees a depth of {most:.2}, and light \
+                     is cut at 0 where it is above 1"
+                )
             })
         }
         Effect::ReadNoiseSpread(_) => {
@@ -266,9 +263,8 @@ mod tests {
         let row = ("effect.row-temporal-noise.sigma_e", 1.0);
         told(&[("effect.requantised.step_0_dn", 4.0), row], "follows requantised");
         let depth = ("effect.flicker-banding.depth", 0.5);
-        told(&[depth, ("effect.flicker-banding.channel_1", 2.1)], "a depth of 1.05");
-        silent(&[depth, ("effect.flicker-banding.channel_1", 2.0)]);
-        told(&[depth, ("effect.flicker-banding.channel_3", 0.5)], "has 3 channels");
+        told(&[depth, ("effect.flicker-banding.plane_1", 2.1)], "a depth of 1.05");
+        silent(&[depth, ("effect.flicker-banding.plane_1", 2.0)]);
         told(&[("effect.gain-stage.share", 1.0)], "no effect stands behind it");
         silent(&[("effect.gain-stage.share", 1.0), row]);
         told(

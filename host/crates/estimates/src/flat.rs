@@ -73,9 +73,17 @@ pub struct Flicker {
     /// Cycles per row, and amplitude relative to the mean after integration over the exposure; not
     /// fitted where nothing stands out.
     pub fit: Option<[Value; 2]>,
-    /// The amplitude that the pixels of each site see, over that of all; empty where it is not
-    /// fitted.
-    pub by_site: Vec<Value>,
+    /// What the pixels of each site see; empty where it is not fitted.
+    pub by_site: Vec<Wave>,
+}
+
+/// A wave against that of all pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct Wave {
+    /// Its amplitude, over theirs.
+    pub depth: Value,
+    /// The angle by which it lags, degrees.
+    pub lag_deg: Value,
 }
 
 /// Of the pixels at one site.
@@ -219,7 +227,8 @@ impl Flicker {
         });
         let by_site = fit.map_or_else(Vec::new, |[frequency, _]| {
             let of = |(s, map): (usize, &SiteMaps)| {
-                ratio(lines, &map.lines, s / sites.across, sites.down, frequency.value)
+                let rows = (s / sites.across, sites.down);
+                Wave::of(&map.lines, rows, lines, frequency.value)
             };
             maps.iter().enumerate().map(of).collect()
         });
@@ -258,9 +267,9 @@ fn fit(lines: &[&Vec<f64>], near: f64) -> [f64; 2] {
         let step = (high - low) / (POINTS - 1) as f64;
         for k in 0..POINTS {
             let frequency = low + k as f64 * step;
-            let (left, amplitude) = amplitudes(lines, 0, 1, frequency);
+            let (left, waves) = waves(lines, 0, 1, frequency);
             if left < best.0 {
-                best = (left, frequency, amplitude);
+                best = (left, frequency, waves.iter().map(power_of).sum());
             }
         }
         (low, high) = (best.1 - step, best.1 + step);
@@ -276,27 +285,40 @@ fn depth(of_logarithm: f64) -> f64 {
     of_logarithm / (1.0 + 0.25 * of_logarithm * of_logarithm)
 }
 
-/// The amplitude of a wave in the lines of a site's rows, every `step`th from `first` on, over that
-/// in the lines of all rows; with its error by leaving out one frame at a time.
-fn ratio(all: &[Vec<f64>], own: &[Vec<f64>], first: usize, step: usize, frequency: f64) -> Value {
-    let square = |lines: &[Vec<f64>], first, step| -> Vec<f64> {
-        lines.iter().map(|line| amplitudes(&[line], first, step, frequency).1).collect()
-    };
-    let (all, own) = (square(all, 0, 1), square(own, first, step));
-    let of = |without: Option<usize>| {
-        let depth = |squares: &[f64]| {
-            let kept = squares.iter().enumerate().filter(|(i, _)| Some(*i) != without);
-            let kept: Vec<f64> = kept.map(|(_, s)| *s).collect();
-            depth(mean(&kept).value.sqrt())
+impl Wave {
+    /// Of a site's rows, every `step`th from `first` on, against all rows; with errors by leaving
+    /// out one frame at a time.
+    fn of(own: &[Vec<f64>], rows: (usize, usize), all: &[Vec<f64>], frequency: f64) -> Self {
+        let waves = |lines: &[Vec<f64>], (first, step)| {
+            waves(&lines.iter().collect::<Vec<_>>(), first, step, frequency).1
         };
-        depth(&own) / depth(&all)
-    };
-    Value::new(of(None), jackknife(all.len(), |i| of(Some(i))))
+        let (own, all) = (waves(own, rows), waves(all, (0, 1)));
+        let of = |without: Option<usize>| {
+            let kept = |i: &usize| Some(*i) != without;
+            let depth = |waves: &[[f64; 2]]| {
+                let squares = (0..waves.len()).filter(kept).map(|i| power_of(&waves[i]));
+                depth(mean(&squares.collect::<Vec<_>>()).value.sqrt())
+            };
+            // Sum over frames of all waves' conjugates times the site's.
+            let [re, im] = (0..own.len()).filter(kept).fold([0.0, 0.0], |[re, im], i| {
+                let ([a, b], [c, d]) = (own[i], all[i]);
+                [re + a * c + b * d, im + b * c - a * d]
+            });
+            [depth(&own) / depth(&all), -libm::atan2(im, re).to_degrees()]
+        };
+        let [depth, lag] = of(None);
+        let error = |figure: usize| jackknife(all.len(), |i| of(Some(i))[figure]);
+        Self { depth: Value::new(depth, error(0)), lag_deg: Value::new(lag, error(1)) }
+    }
+}
+
+fn power_of(wave: &[f64; 2]) -> f64 {
+    wave[0] * wave[0] + wave[1] * wave[1]
 }
 
 /// What waves of a frequency leave of the squares of lines, which are of every `step`th row from
-/// `first` on, and the sum of their squared amplitudes.
-fn amplitudes(lines: &[&Vec<f64>], first: usize, step: usize, frequency: f64) -> (f64, f64) {
+/// `first` on, and the wave of each: real and imaginary part of its amplitude at row 0.
+fn waves(lines: &[&Vec<f64>], first: usize, step: usize, frequency: f64) -> (f64, Vec<[f64; 2]>) {
     let height = lines[0].len();
     let design: Vec<[f64; 3]> = (0..height)
         .map(|i| {
@@ -305,9 +327,11 @@ fn amplitudes(lines: &[&Vec<f64>], first: usize, step: usize, frequency: f64) ->
         })
         .collect();
     let normal = Matrix::from_fn(3, 3, |i, j| design.iter().map(|d| d[i] * d[j]).sum());
-    let Some(inverse) = inverse(normal) else { return (f64::INFINITY, 0.0) };
-    let (mut left, mut amplitude) = (0.0, 0.0);
-    for line in lines {
+    let Some(inverse) = inverse(normal) else {
+        return (f64::INFINITY, vec![[0.0; 2]; lines.len()]);
+    };
+    let mut left = 0.0;
+    let wave = |line: &&Vec<f64>| {
         let mut right = [0.0; 3];
         let mut squares = 0.0;
         for (v, d) in line.iter().zip(&design) {
@@ -317,9 +341,10 @@ fn amplitudes(lines: &[&Vec<f64>], first: usize, step: usize, frequency: f64) ->
         let c: Vec<f64> =
             (0..3).map(|i| (0..3).map(|j| inverse[(i, j)] * right[j]).sum()).collect();
         left += squares - (0..3).map(|i| c[i] * right[i]).sum::<f64>();
-        amplitude += c[0] * c[0] + c[1] * c[1];
-    }
-    (left, amplitude)
+        [c[0], -c[1]]
+    };
+    let waves = lines.iter().map(wave).collect();
+    (left, waves)
 }
 
 /// The pixels of one site.

@@ -146,7 +146,8 @@ struct Sensor {
     /// Amplitude and cycles per row.
     flicker: [f64; 2],
     /// Of each site over that amplitude.
-    flicker_of_sites: [f64; 4],
+    /// Of each site, the ratio of its depth and the angle by which it lags in degrees.
+    flicker_of_sites: [[f64; 2]; 4],
     hot_share: f64,
     /// Share and jump of pixels that blink: of the read-out, e⁻; of the dark current, e⁻/s.
     readout_telegraph: [f64; 2],
@@ -182,7 +183,7 @@ const SENSOR: Sensor = Sensor {
     opposite_row_noise: 0.0,
     frame_offset: 0.0,
     flicker: [0.0, 0.02],
-    flicker_of_sites: [1.0; 4],
+    flicker_of_sites: [[1.0, 0.0]; 4],
     hot_share: 0.0,
     readout_telegraph: [0.0, 0.0],
     dark_telegraph: [0.0, 0.0],
@@ -267,8 +268,9 @@ impl Sensor {
                         let wave = std::f64::consts::TAU * (self.flicker[1] * y as f64 + phase);
                         let light = match role {
                             Role::Flat => {
-                                let own = self.flicker_of_sites[y % 2 * 2 + p % width % 2];
-                                6200.0 * relative[p] * (1.0 + own * self.flicker[0] * wave.sin())
+                                let [own, lag] = self.flicker_of_sites[y % 2 * 2 + p % width % 2];
+                                let wave = (wave - f64::to_radians(lag)).sin();
+                                6200.0 * relative[p] * (1.0 + own * self.flicker[0] * wave)
                             }
                             _ => 0.0,
                         };
@@ -386,14 +388,20 @@ fn flicker_leaves_gain_and_prnu_as_they_are() {
 }
 
 #[test]
-fn flicker_has_an_amplitude_of_its_own_at_each_site() {
-    let ratios = [1.0, 0.8, 1.3, 1.0];
-    let sensor = Sensor { flicker: [0.2, 0.0145], flicker_of_sites: ratios, ..SENSOR };
+fn flicker_has_an_amplitude_and_a_phase_of_its_own_at_each_site() {
+    let sites = [[1.0, 0.0], [0.8, 8.0], [1.3, -12.0], [1.0, 2.0]];
+    let sensor = Sensor { flicker: [0.2, 0.0145], flicker_of_sites: sites, ..SENSOR };
     let found = sensor.found([96, 96], 4);
     let flicker = &found.flats[0].flicker;
-    let all = ratios.iter().sum::<f64>() / 4.0;
-    for (own, ratio) in flicker.by_site.iter().zip(ratios) {
-        assert_is(*own, ratio / all, 0.02);
+    // The wave of all is the mean of theirs.
+    let part = |of: fn(f64) -> f64| -> f64 {
+        sites.iter().map(|[depth, lag]| depth * of(lag.to_radians()) / 4.0).sum()
+    };
+    let (re, im) = (part(f64::cos), part(f64::sin));
+    for (own, [depth, lag]) in flicker.by_site.iter().zip(sites) {
+        assert_is(own.depth, depth / re.hypot(im), 0.02);
+        assert!((own.lag_deg.value - (lag - im.atan2(re).to_degrees())).abs() < 0.7, "{own:?}");
+        assert!(own.lag_deg.std_error < 0.5, "{own:?}");
     }
 }
 

@@ -27,7 +27,8 @@ const CLIP: f64 = 4.0;
 const MIN_SD_DN: f64 = 0.02;
 
 /// The quantiles, site means and variances of a stack; of flats whose light is taken from their own
-/// mean, no means.
+/// mean, no means, and of those that may be uneven, no quantiles of pixels or samples, which shading
+/// moves.
 pub(super) fn statistics(t: &Temporal, c: &Condition, cfa: &Cfa, out: &mut Collected) {
     if c.stack.role == Role::Dark || c.level_known {
         site_means(t, cfa, out);
@@ -50,7 +51,7 @@ pub(super) fn statistics(t: &Temporal, c: &Condition, cfa: &Cfa, out: &mut Colle
         let value = variances.quantile(share);
         let sd = sd.max(libm::cbrt(MIN_SD_DN * MIN_SD_DN));
         out.add(What::VarianceQuantile(name), value, sd, Scale::CubeRoot);
-        if i == MEDIAN {
+        if i == MEDIAN || c.is_flat() && !c.even {
             continue;
         }
         let of = |quantile: &dyn Fn(f64) -> f64, count: f64, middle: f64| {

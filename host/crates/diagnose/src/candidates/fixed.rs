@@ -9,6 +9,7 @@
 //! in e⁻² from the offset map and without unit from the gain map.
 
 use super::common::{of_excess, present};
+use super::gain::greens_look_like_columns;
 use super::proposal::Proposal;
 use crate::data::channels::Channels;
 use crate::evidence::Evidence;
@@ -65,11 +66,13 @@ fn offset_mismatch(e: &Evidence<'_>) -> Option<Proposal> {
     m.proposal(e, MapKind::Offset, effect, "offset_e")
 }
 
-/// Gains of the read-out channels.
+/// Gains of the read-out channels. Two that look like unequal greens are taken for these.
 fn gain_mismatch(e: &Evidence<'_>) -> Option<Proposal> {
     let channels = Channels::new(e.camera);
     let columns = Columns::of(e, MapKind::Gain, 1.0)?;
     let m = Mismatch::of(&columns, |means| compensation(means, &channels))?;
+    let of_greens = m.period == 2 && greens_look_like_columns(&e.camera.sensor.cfa, e.design);
+    (!of_greens).then_some(())?;
     let effect = ReadoutChannelMismatch { gain: m.sigma.value as f32, ..present_mismatch(e, &m) };
     m.proposal(e, MapKind::Gain, effect, "gain")
 }

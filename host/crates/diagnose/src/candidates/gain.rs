@@ -10,10 +10,11 @@
 
 use super::common::{Count, of_excess, present};
 use super::proposal::Proposal;
+use crate::data::design::Design;
 use crate::evidence::Evidence;
 use crate::statistics::maps::MapKind;
 use crate::statistics::statistic::{Place, What};
-use camrig_base::Value;
+use camrig_base::{Cfa, Value};
 use camrig_sensor_core::effects::{green_imbalance::GreenImbalance, prnu::Prnu};
 
 /// Where the statistics of this file are taken.
@@ -70,20 +71,7 @@ pub fn column_gain(e: &Evidence<'_>) -> Option<Proposal> {
 /// `green-imbalance`: contrast of the two greens of a 2 x 2 colour filter pattern.
 pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     let cfa = &e.camera.sensor.cfa;
-    if (cfa.width, cfa.height) != (2, 2) {
-        return None;
-    }
-    // Greens lie on one of the two diagonals. The map has the contrasts of even rows and columns
-    // to odd ones: the green of the even row is in the even column on one diagonal, in the odd
-    // column on the other.
-    let green = |x, y| cfa.letter(x, y) == 'G';
-    let first_in_even_column = if green(0, 0) && green(1, 1) {
-        true
-    } else if green(1, 0) && green(0, 1) {
-        false
-    } else {
-        return None;
-    };
+    let first_in_even_column = green_of_even_rows_is_in_even_columns(cfa)?;
     let columns = e.difference(GAIN, What::EveryOtherColumn)?;
     let rows = e.difference(GAIN, What::EveryOtherRow)?;
     // Each shows half of it; light that flickers leaves the rows uncertain, but not the columns.
@@ -96,6 +84,26 @@ pub fn green_imbalance(e: &Evidence<'_>) -> Option<Proposal> {
     let effect = GreenImbalance { centre: value as f32, corner: value as f32 };
     let p = Proposal::new("green-imbalance", effect.into(), d.z().abs());
     Some(p.with("centre", Value { value, ..d }))
+}
+
+/// The greens of a 2 x 2 pattern lie on one of its two diagonals. The map has the contrasts of even
+/// rows and columns to odd ones: the green of the even row is in the even column on one diagonal, in
+/// the odd column on the other.
+fn green_of_even_rows_is_in_even_columns(cfa: &Cfa) -> Option<bool> {
+    let green = |x, y| cfa.letter(x, y) == 'G';
+    let of_two = (cfa.width, cfa.height) == (2, 2);
+    match of_two {
+        true if green(0, 0) && green(1, 1) => Some(true),
+        true if green(1, 0) && green(0, 1) => Some(false),
+        _ => None,
+    }
+}
+
+/// Whether columns of alternating gain look like unequal greens: they do but in light of a known
+/// spectrum, in which they move red against blue.
+pub(crate) fn greens_look_like_columns(cfa: &Cfa, design: &Design) -> bool {
+    green_of_even_rows_is_in_even_columns(cfa).is_some()
+        && !design.conditions.iter().any(|c| c.is_flat() && c.level_known)
 }
 
 /// `defective-pixels`: number and mean response of the low outliers.

@@ -13,7 +13,7 @@ mod dark;
 mod fixed;
 mod flicker;
 mod frames;
-mod gain;
+pub(crate) mod gain;
 mod glow;
 mod neighbours;
 mod noise;

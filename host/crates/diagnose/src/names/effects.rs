@@ -10,7 +10,7 @@ use camrig_estimates::Estimates;
 use camrig_estimates::areas::Area;
 use camrig_estimates::bias::Bias;
 use camrig_estimates::dark::variance_of_mean;
-use camrig_estimates::flat::Flat;
+use camrig_estimates::flat::{Flat, Wave};
 use camrig_estimates::gains::Parts;
 use camrig_fourier::sinc;
 use std::f64::consts::SQRT_2;
@@ -669,11 +669,7 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
             .with("line_time_at_120_hz", frequency.scaled(1e6 / OTHER_HZ), "us")
             .with("depth_at_120_hz", depth.scaled(1.0 / left_by(d.exposure_s, OTHER_HZ)), "1");
         tests.push(Test { in_part: true, ..test });
-        let own = &d.flicker.by_site;
-        let alike = vec![Value::new(1.0, 0.0); own.len()];
-        let z = by_site(own, if given.is_some() { &m.flicker.by_site } else { &alike });
-        let shown_by = "waves of each site's row means over those of all";
-        tests.push(with_sites(Test::new("flicker-by-site", z, shown_by), own, "1"));
+        tests.push(flicker_by_site(&d.flicker.by_site, &m.flicker.by_site));
     } else {
         tests.push(Test::new("flicker-banding", 0.0, shown_by));
     }
@@ -701,18 +697,42 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
     tests
 }
 
-/// What the channels of the colour filter pattern have of figures of its sites.
-fn by_channel(sites: &[Value], camera: &Camera) -> Vec<(&'static str, Value)> {
-    let cfa = &camera.sensor.cfa;
-    let keys = ["channel_0", "channel_1", "channel_2", "channel_3"];
-    let of = |(channel, key)| {
-        let own = sites
-            .iter()
-            .enumerate()
-            .filter(|(s, _)| cfa.channel(s % cfa.width, s / cfa.width) == channel);
-        Some((key, Value::combine(own.map(|(_, v)| *v))?))
+/// Waves of sites otherwise than in the model; of one without flicker they are alike.
+fn flicker_by_site(data: &[Wave], model: &[Wave]) -> Test {
+    let depths = |waves: &[Wave]| waves.iter().map(|w| w.depth).collect::<Vec<_>>();
+    let lags = |waves: &[Wave]| waves.iter().map(|w| w.lag_deg).collect::<Vec<_>>();
+    let against = |of: &dyn Fn(&[Wave]) -> Vec<Value>, none: f64| match model {
+        [] => by_site(&of(data), &vec![Value::new(none, 0.0); data.len()]),
+        model => by_site(&of(data), &of(model)),
     };
-    keys.into_iter().enumerate().filter_map(of).collect()
+    let z = largest([against(&depths, 1.0), against(&lags, 0.0)].into_iter());
+    let shown_by = "waves of each site's row means against those of all: amplitude and phase";
+    let mut test = Test::new("flicker-by-site", z, shown_by);
+    test = with_sites(test, &depths(data), "1");
+    if data.len() == SITES.len() {
+        for (site, lag) in SITES.iter().zip(lags(data)) {
+            test = test.with(&format!("lag of {site}"), lag, "deg");
+        }
+    }
+    test
+}
+
+/// The flicker's parameters of the four places of a 2x2 pattern: depths, and lags behind the first.
+fn of_places(sites: &[Wave]) -> Option<[(&'static str, Value); 7]> {
+    let [first, b, c, d] = sites else { return None };
+    let lag = |w: &Wave| {
+        let error = libm::hypot(w.lag_deg.std_error, first.lag_deg.std_error);
+        Value::new(w.lag_deg.value - first.lag_deg.value, error)
+    };
+    Some([
+        ("plane_0", first.depth),
+        ("plane_1", b.depth),
+        ("plane_2", c.depth),
+        ("plane_3", d.depth),
+        ("plane_1_lag_deg", lag(b)),
+        ("plane_2_lag_deg", lag(c)),
+        ("plane_3_lag_deg", lag(d)),
+    ])
 }
 
 /// What an exposure leaves of the depth of light that flickers; 1 where it leaves nothing.
@@ -932,7 +952,7 @@ pub(super) fn proposal(
                 ("row_time_us", frequency.scaled(1e6 / FLICKER_HZ)),
             ];
             if test.effect == "flicker-by-site" {
-                law.extend(by_channel(&brightest.flicker.by_site, camera));
+                law.extend(of_places(&brightest.flicker.by_site)?);
             }
             Proposal::of(kind, strength, law)
         }

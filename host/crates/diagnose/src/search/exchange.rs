@@ -14,9 +14,8 @@ use camrig_camera::Camera;
 const CLOSE_RIVAL: f64 = 0.5;
 
 /// What the rivals of named effects come to in their places.
-#[derive(Default)]
 pub(super) struct Exchanges {
-    /// The selection with the best of them, if it is likelier, and the kind that it displaces.
+    /// The selection with the best of them, if it explains more, and the kind that it displaces.
     pub best: Option<(Selection, String)>,
     /// Those that explain as much as the effect that was named.
     pub as_good: Vec<Rivals>,
@@ -30,24 +29,26 @@ pub(super) fn exchanges(
     found: Found<'_>,
 ) -> Result<Exchanges> {
     let own = found.model.by(measured, RUNS_ON_THE_WAY)?;
-    let mut out = Exchanges::default();
-    let mut least = own.deviance();
+    let mut as_good = Vec::new();
+    let mut best: Option<(Evaluation, &Step, &Trial)> = None;
     for step in &found.steps[..found.steps.len().saturating_sub(1)] {
         for rival in close_rivals(step, found.model) {
-            let taken = step.trial.proposal.kind.to_string();
             let other = with_rival(measured, base, &own, step, rival)?;
             if (other.deviance() - own.deviance()).abs() < RIVAL_MARGIN {
-                let rival = rival.proposal.kind.to_string();
-                out.as_good.push(Rivals { taken: taken.clone(), rival });
+                let [taken, rival] = [&step.trial, rival].map(|t| t.proposal.kind.to_string());
+                as_good.push(Rivals { taken, rival });
             }
+            let least = best.as_ref().map_or(own.deviance() - RIVAL_MARGIN, |b| b.0.deviance());
             if other.deviance() < least {
-                least = other.deviance();
-                let exchanged = Selection::exchanged(measured, found, &own, other, (step, rival));
-                out.best = Some((exchanged, taken));
+                best = Some((other, step, rival));
             }
         }
     }
-    Ok(out)
+    let best = best.map(|(model, displaced, rival)| {
+        let kind = displaced.trial.proposal.kind.to_string();
+        (Selection::exchanged(measured, found, &own, model, (displaced, rival)), kind)
+    });
+    Ok(Exchanges { best, as_good })
 }
 
 fn close_rivals<'a>(step: &'a Step, model: &'a Evaluation) -> impl Iterator<Item = &'a Trial> {

@@ -6,6 +6,7 @@ use super::evaluation::{Evaluation, RUNS};
 use super::exchange::{Exchanges, exchanges};
 use super::forward::{self, Found, Rivals, Selection, Step};
 use super::standard_errors::settle_parameters;
+use crate::candidates::gain::greens_look_like_columns;
 use crate::candidates::proposal::Proposal;
 use crate::finding::Finding;
 use crate::measured::Measured;
@@ -106,6 +107,13 @@ pub fn run_from(
                 break;
             }
         }
+    }
+    if greens_look_like_columns(&before.camera.sensor.cfa, &measured.fit.design)
+        && found.after.named.iter().any(|p| p.kind == "green-imbalance")
+    {
+        let [taken, rival] = ["green-imbalance", "readout-channel-mismatch"].map(String::from);
+        found.confounded.retain(|pair| pair.taken != taken || pair.rival != rival);
+        found.confounded.push(Rivals { taken, rival });
     }
     trying("standard errors");
     found.after = settle_parameters(measured, found.after)?;
