@@ -60,35 +60,43 @@ fn expansion(mean: &mut Block<f32>, words: &Block<u32>) {
 /// probabilities.
 const NEGLIGIBLE: f32 = 1.0 / 8_589_934_592.0;
 
-/// Inversion: the smallest count whose distribution function reaches u.
+/// Pixels whose counts are looked for together: what stays in the registers of vector units, and no
+/// more steps than the largest of so few counts.
+const GROUP: usize = 16;
+
+/// Inversion: the smallest count whose distribution function reaches u; 0 for means that are not
+/// below [`EXPANSION_FROM_E`], which have another method.
 #[cfg_attr(target_os = "none", inline(never))]
 #[cfg_attr(not(target_os = "none"), inline(always))]
-fn inversion(mean: &mut Block<f32>, words: &Block<u32>) {
-    let mut count = [0.0; BLOCK];
-    let mut term = [0.0; BLOCK];
-    let mut left = [0.0; BLOCK];
-    let mut lambda = [0.0; BLOCK];
-    for i in 0..BLOCK {
-        lambda[i] = clamp(mean[i], 0.0, EXPANSION_FROM_E);
-        term[i] = math::exp(-lambda[i]);
-        left[i] = (words[i] as f32 + 0.5) * (1.0 / 4_294_967_296.0) - term[i];
-    }
-    for step in INVERSE[1..].chunks(4) {
-        for inverse_k in step {
-            for i in 0..BLOCK {
-                left[i] = if term[i] > NEGLIGIBLE { left[i] } else { 0.0 };
-                let more = left[i] > 0.0;
-                term[i] *= lambda[i] * inverse_k;
-                count[i] += if more { 1.0 } else { 0.0 };
-                left[i] -= term[i];
+fn inversion(means: &mut Block<f32>, words: &Block<u32>) {
+    let words = words.as_chunks::<GROUP>().0;
+    for (mean, words) in means.as_chunks_mut::<GROUP>().0.iter_mut().zip(words) {
+        let mut count = [0.0; GROUP];
+        let mut term = [0.0; GROUP];
+        let mut left = [0.0; GROUP];
+        let mut lambda = [0.0; GROUP];
+        for i in 0..GROUP {
+            lambda[i] = if mean[i] > 0.0 && mean[i] < EXPANSION_FROM_E { mean[i] } else { 0.0 };
+            term[i] = math::exp(-lambda[i]);
+            left[i] = (words[i] as f32 + 0.5) * (1.0 / 4_294_967_296.0) - term[i];
+        }
+        for step in INVERSE[1..].chunks(4) {
+            for inverse_k in step {
+                for i in 0..GROUP {
+                    let more = (left[i] > 0.0) & (term[i] > NEGLIGIBLE);
+                    term[i] *= lambda[i] * inverse_k;
+                    count[i] += if more { 1.0 } else { 0.0 };
+                    left[i] -= term[i];
+                }
+            }
+            // A fold without early exit becomes a vector operation.
+            let more = |i: usize| (left[i] > 0.0) & (term[i] > NEGLIGIBLE);
+            if !(0..GROUP).fold(false, |any, i| any | more(i)) {
+                break;
             }
         }
-        // A fold without early exit becomes a vector operation.
-        if !left.iter().fold(false, |any, &l| any | (l > 0.0)) {
-            break;
-        }
+        *mean = count;
     }
-    *mean = count;
 }
 
 /// The words of two draws, as one block.
@@ -205,7 +213,10 @@ impl<const LIGHT: bool> Arith for FloatIn<LIGHT> {
                 }
                 for mean in means {
                     let mut high = *mean;
-                    expansion(&mut high, &words(normal));
+                    let words = words(normal);
+                    if high.iter().fold(false, |any, &m| any | (m >= 0.0)) {
+                        expansion(&mut high, &words);
+                    }
                     for i in 0..BLOCK {
                         mean[i] = if mean[i] < 0.0 { -1.0 - mean[i] } else { high[i] };
                     }

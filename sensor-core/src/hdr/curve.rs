@@ -39,6 +39,8 @@ pub struct Line {
     pub rise: i64,
     /// Linear numbers of a run.
     pub run: i64,
+    /// The first number of the next line, beyond every number for the last.
+    pub end: i64,
 }
 
 /// A curve of straight lines from linear numbers to codes.
@@ -105,7 +107,7 @@ impl Curve {
     /// The code of a linear number.
     #[inline(always)]
     pub fn code(&self, x: i64) -> i64 {
-        let Line { from, rise, run } = self.line_at(x);
+        let Line { from, rise, run, .. } = self.line_at(x);
         let above = from + x * rise;
         // Most segments are as wide as a power of two: a shift is a division that rounds down.
         if run & (run - 1) == 0 { above >> run.trailing_zeros() } else { above.div_euclid(run) }
@@ -120,7 +122,9 @@ impl Curve {
             Rounding::Floor => 0,
             Rounding::Nearest => PARTS / 2 * dx,
         };
-        Line { from: a.y * dx - a.x * rise + half, rise, run: PARTS * dx }
+        let is_last = self.knees.last() == Some(&b);
+        let end = if is_last { i64::MAX } else { b.x };
+        Line { from: a.y * dx - a.x * rise + half, rise, run: PARTS * dx, end }
     }
 
     /// The lowest linear number of a code, where codes are the whole numbers below.

@@ -2,7 +2,7 @@
 
 use crate::common;
 use crate::emulator::tcp_server;
-use camrig::rig::Rig;
+use camrig::rig::{FrameRequest, Rig};
 
 fn words(url: &str) -> String {
     Rig::open(url).err().expect("this rig cannot be opened").to_string()
@@ -45,6 +45,23 @@ fn a_camera_too_wide_is_refused_with_the_limit() {
     let sensor = common::sensor(&camera, &cube);
     let said = Rig::open("emulator:").unwrap().set_camera(&sensor).unwrap_err().to_string();
     assert!(said.contains("supports 16384 pixels"), "{said}");
+}
+
+/// The patterns of a frame are those of its sensor: one of another seed is none that was asked for.
+#[test]
+fn a_frame_of_another_sensor_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut camera = common::camera(folder.path(), 0);
+    let cube = common::cube(&camera, common::BANDS);
+    let mut rig = Rig::open("emulator:").unwrap();
+    rig.set_camera(&common::sensor(&camera, &cube)).unwrap();
+    let seed = camera.sensor.seed;
+    camera.sensor.seed += 1;
+    let request = FrameRequest::new(camera.settings(0, 0.02, None));
+    let other = common::sensor(&camera, &cube);
+    let said = rig.frame(&cube, &other, &request).map(|_| ()).unwrap_err().to_string();
+    let words = format!("with seed {seed}, the camera's is {}", seed + 1);
+    assert!(said.contains(&words), "{said}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ mod rows;
 
 use super::CubeHeader;
 use super::sensor::SimulatedSensor;
-use camrig_base::{Dn, Error, Plane, RawFrame, Result};
+use camrig_base::{Dn, Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_camera::hdr::{Hdr, HdrOutput};
 use camrig_sensor_core::config::FrameSettings;
@@ -12,23 +12,12 @@ use camrig_sensor_core::effects::Needs;
 use camrig_sensor_core::hdr::{Companding, MAX_CAPTURES, Output, Readout};
 use rayon::prelude::*;
 
-/// Pixels that a thread compands at a time.
-const PIECE: usize = 1 << 14;
-
 /// A camera with `[sensor.hdr]`, set up for cubes of given bands: each capture a sensor, and what
 /// is made of their codes.
 pub struct HdrSensor {
     sensors: Vec<SimulatedSensor>,
     hdr: Hdr,
     readout: Readout,
-}
-
-/// One exposure of an [`HdrSensor`].
-pub struct HdrFrame {
-    /// The codes of its captures, in the camera's order.
-    pub captures: Vec<RawFrame>,
-    /// The merged signal, linear DN.
-    pub linear: Plane<u32>,
 }
 
 impl HdrSensor {
@@ -93,8 +82,8 @@ impl HdrSensor {
         &self.sensors
     }
 
-    /// One frame: `take` exposes the sensor of a capture, whose position it gets, with settings of
-    /// its own.
+    /// The codes of the captures of one frame, in the camera's order: `take` exposes the sensor of a
+    /// capture, whose position it gets, with settings of its own.
     ///
     /// # Errors
     /// Windows of a photodiode that overlap at this exposure; those of `take`.
@@ -102,48 +91,52 @@ impl HdrSensor {
         &self,
         settings: &FrameSettings,
         mut take: impl FnMut(usize, &SimulatedSensor, &FrameSettings) -> Result<RawFrame>,
-    ) -> Result<HdrFrame> {
+    ) -> Result<Vec<RawFrame>> {
         self.hdr.check_exposure(settings.exposure_s.into())?;
         let captures = self.sensors.iter().zip(&self.hdr.captures).enumerate();
-        let captures = captures
-            .map(|(i, (sensor, capture))| take(i, sensor, &self.hdr.settings(capture, settings)));
-        let captures = captures.collect::<Result<Vec<RawFrame>>>()?;
-        let linear = self.merged(&captures);
-        Ok(HdrFrame { captures, linear })
+        captures
+            .map(|(i, (sensor, capture))| take(i, sensor, &self.hdr.settings(capture, settings)))
+            .collect()
     }
 
-    fn merged(&self, captures: &[RawFrame]) -> Plane<u32> {
-        let Some(RawFrame { width, height, .. }) = captures.first() else {
-            return Plane { width: 0, height: 0, data: Vec::new() };
-        };
-        let mut data = vec![0; width * height];
-        data.par_chunks_mut(*width).enumerate().for_each(|(y, row)| {
-            let mut codes = [&[][..]; MAX_CAPTURES];
-            for (codes, frame) in codes.iter_mut().zip(captures) {
-                *codes = &frame.data[y * width..][..*width];
-            }
-            rows::merge(&self.hdr.merge, &codes[..captures.len()], row);
-        });
-        Plane { width: *width, height: *height, data }
+    /// The samples that `of_row` makes of the merged signal, linear DN, of each row.
+    fn merged<S: Clone + Default + Send>(
+        &self,
+        captures: &[RawFrame],
+        of_row: impl Fn(&[u32], &mut [S]) + Sync,
+    ) -> Vec<S> {
+        let (width, pixels) = captures.first().map_or((1, 0), |f| (f.width, f.data.len()));
+        let mut samples = vec![S::default(); pixels];
+        let rows = samples.par_chunks_mut(width.max(1)).enumerate();
+        rows.for_each_init(
+            || vec![0; width],
+            |linear, (y, row)| {
+                let mut codes = [&[][..]; MAX_CAPTURES];
+                for (codes, frame) in codes.iter_mut().zip(captures) {
+                    *codes = &frame.data[y * width..][..width];
+                }
+                rows::merge(&self.hdr.merge, &codes[..captures.len()], linear);
+                of_row(linear, row);
+            },
+        );
+        samples
     }
 
-    /// What the sensor sends of a frame.
-    pub fn sent(&self, frame: HdrFrame, analog_gain: f32) -> Sent {
-        let linear = frame.linear.data;
+    /// What the sensor sends of the codes of its captures.
+    pub fn sent(&self, captures: Vec<RawFrame>, analog_gain: f32) -> Sent {
         let samples = match &self.readout.output {
             Output::Captures => {
-                Samples::Captures(frame.captures.into_iter().map(|frame| frame.data).collect())
+                Samples::Captures(captures.into_iter().map(|frame| frame.data).collect())
             }
-            Output::Companded(curve) => {
-                let mut codes = vec![0; linear.len()];
-                let pieces = codes.par_chunks_mut(PIECE).zip(linear.par_chunks(PIECE));
-                pieces.for_each(|(codes, linear)| rows::compand(curve, linear, codes));
-                Samples::Merged(codes)
+            Output::Companded(curve) => Samples::Merged(
+                self.merged(&captures, |linear, codes| rows::compand(curve, linear, codes)),
+            ),
+            Output::Linear if self.hdr.linear_bits() > u16::BITS => {
+                Samples::Wide(self.merged(&captures, |linear, row| row.copy_from_slice(linear)))
             }
-            Output::Linear if self.hdr.linear_bits() > u16::BITS => Samples::Wide(linear),
-            Output::Linear => {
-                Samples::Merged(linear.into_iter().map(|linear| linear as u16).collect())
-            }
+            Output::Linear => Samples::Merged(self.merged(&captures, |linear, row| {
+                row.iter_mut().zip(linear).for_each(|(row, &linear)| *row = linear as u16);
+            })),
         };
         self.described(samples, analog_gain)
     }

@@ -65,28 +65,32 @@ pub fn merge(merge: &Merge, captures: &[&[u16]], out: &mut [u32]) {
     }
 }
 
-/// The codes of linear signals.
+/// The codes of linear signals. A step of pixels gets them line by line of the curve, from the lowest
+/// that one of them is on: each line up to its end and beyond, where the next ones replace them.
 #[vectorised]
 pub fn compand(curve: &Companding, linear: &[u32], out: &mut [u16]) {
+    let subtracted = i64::from(curve.subtract_dn);
+    let max = f64::from((1u32 << u32::from(curve.bits).min(16)) - 1);
     for (out, linear) in out.chunks_mut(STEP).zip(linear.chunks(STEP)) {
-        let line =
-            |linear: u32| curve.curve.line_at(i64::from(linear) - i64::from(curve.subtract_dn));
         let smallest = linear.iter().fold(u32::MAX, |a, &b| a.min(b));
         let largest = linear.iter().fold(0, |a, &b| a.max(b));
-        let own = line(smallest);
-        let is_exact = own.rise < 1 << 28 && own.from.abs() < 1 << 52;
-        if own != line(largest) || !is_exact {
-            out.iter_mut().zip(linear).for_each(|(out, &linear)| *out = curve.code(linear));
-            continue;
-        }
-        let Line { from, rise, run } = own;
-        let [from, rise, run] = [from, rise, run].map(|v| v as f64);
-        let subtracted = f64::from(curve.subtract_dn);
-        let pedestal = f64::from(curve.pedestal_dn);
-        let max = f64::from((1u32 << u32::from(curve.bits).min(16)) - 1);
-        for (out, &linear) in out.iter_mut().zip(linear) {
-            let code = ((from + (f64::from(linear as i32) - subtracted) * rise) / run).floor();
-            *out = (code + pedestal).clamp(0.0, max) as i32 as u16;
+        let mut start = i64::from(smallest) - subtracted;
+        while start <= i64::from(largest) - subtracted {
+            let Line { from, rise, run, end } = curve.curve.line_at(start);
+            if rise >= 1 << 28 || from.abs() >= 1 << 52 {
+                out.iter_mut().zip(linear).for_each(|(out, &linear)| *out = curve.code(linear));
+                break;
+            }
+            let [from, rise, run] = [from, rise, run].map(|v| v as f64);
+            let (subtracted, pedestal) = (subtracted as f64, f64::from(curve.pedestal_dn));
+            let first = (start + i64::from(curve.subtract_dn)) as f64;
+            for (out, &linear) in out.iter_mut().zip(linear) {
+                let linear = f64::from(linear as i32);
+                let code = ((from + (linear - subtracted) * rise) / run).floor();
+                let code = (code + pedestal).clamp(0.0, max) as i32 as u16;
+                *out = if linear >= first { code } else { *out };
+            }
+            start = end;
         }
     }
 }

@@ -291,14 +291,22 @@ fn a_ratio_that_is_off_shows_in_the_merged_signal_as_far_as_its_weight() {
     }
 }
 
+/// A frame: the codes of its captures, and the merged signal.
+struct Flat {
+    captures: Vec<camrig_base::RawFrame>,
+    linear: Vec<u32>,
+}
+
 /// One noisy frame of even light, µ photo-electrons in the first capture.
-fn flat(camera: &Camera, exposure_s: f64, mu: f64, frame: u32) -> super::HdrFrame {
+fn flat(camera: &Camera, exposure_s: f64, mu: f64, frame: u32) -> Flat {
     let cube = IrradianceCube::uniform(header(camera), &[1.0]).unwrap();
     let band = header(camera).spectral_bands();
     let per_s = camera.of_capture(0).unwrap().sensor.response(&band)[0][0];
     let sensor = HdrSensor::in_light(camera, &cube.header, mu / (per_s * exposure_s)).unwrap();
     let settings = FrameSettings::new(exposure_s as f32).with_frame(frame);
-    sensor.frame(&settings, |_, sensor, own| sensor.frame(&cube, own)).unwrap()
+    let captures = sensor.frame(&settings, |_, sensor, own| sensor.frame(&cube, own)).unwrap();
+    let linear = sensor.merged(&captures, |linear, row| row.copy_from_slice(linear));
+    Flat { captures, linear }
 }
 
 fn mean_and_deviation(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
@@ -326,7 +334,7 @@ fn merged_and_companded_frames_have_the_mean_and_noise_of_independent_draws() {
                 assert!(off.abs() <= tolerance.max(1e-9), "{name} {column} {row:?}: {got}");
             };
             let pedestal = f64::from(described.merge.pedestal_dn());
-            let merged = got.linear.data.iter().map(|&dn| f64::from(dn) - pedestal);
+            let merged = got.linear.iter().map(|&dn| f64::from(dn) - pedestal);
             let (mean, deviation) = mean_and_deviation(merged);
             // Light at which the output's end cuts the noise has other figures before the cut.
             if number("merged_mean") + 6.0 * number("merged_std") + pedestal
@@ -336,7 +344,7 @@ fn merged_and_companded_frames_have_the_mean_and_noise_of_independent_draws() {
                 near(deviation, "merged_std", "se_std");
             }
             let companding = described.companding.as_ref().unwrap();
-            let sent = got.linear.data.iter().map(|&dn| f64::from(companding.code(dn)));
+            let sent = got.linear.iter().map(|&dn| f64::from(companding.code(dn)));
             near(mean_and_deviation(sent).0, "companded_mean", "se_companded");
         }
     }
@@ -381,7 +389,7 @@ fn snr_of_flats_is_that_of_the_closed_form() {
         for (frame, &mu) in (0..).zip(&lights).filter(|(_, mu)| clear(**mu)) {
             let got = flat(&camera, exposure_s, mu, frame);
             let pedestal = f64::from(described.merge.pedestal_dn());
-            let values = got.linear.data.iter().map(|&dn| f64::from(dn) - pedestal);
+            let values = got.linear.iter().map(|&dn| f64::from(dn) - pedestal);
             let (mean, deviation) = mean_and_deviation(values);
             let merged = expected.merged(mu);
             let snr = (mean - (merged.mean - merged.signal)) / deviation;
@@ -417,7 +425,7 @@ fn two_gains_read_one_charge_and_two_exposures_two() {
         let off = correlation(0, 1) - number("correlation_hcg_lcg");
         assert!(off.abs() < 5.0 * number("se_correlation") * fewer, "{name}: {off}");
         let dn_per_e = camera.sensor.hdr.as_ref().unwrap().captures[0].dn_per_e(1.0);
-        let merged = got.linear.data.iter().map(|&dn| f64::from(dn) / dn_per_e);
+        let merged = got.linear.iter().map(|&dn| f64::from(dn) / dn_per_e);
         let variance = mean_and_deviation(merged).1.powi(2);
         let off = variance - number("variance_e2");
         assert!(off.abs() < 5.0 * number("se") * fewer, "{name}: {variance}");
