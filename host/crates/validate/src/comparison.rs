@@ -146,7 +146,7 @@ impl Comparison {
     pub fn failures(&self) -> Vec<String> {
         match &self.after {
             Some(after) if self.is_substitute => {
-                [self.before.not_as_reported(), after.remaining()].concat()
+                [self.before.not_as_reported(), after.remaining_of_substitute()].concat()
             }
             Some(after) => after.remaining(),
             None => self.before.remaining(),

@@ -58,9 +58,9 @@ const OVERSAMPLING: f64 = 4.0;
 /// Fraction of the Tukey window that is tapered, half on each side (ISO 12233:2023).
 const TUKEY_ALPHA: f64 = 1.0;
 
-/// Robust standard deviations above which a sample is from a defective pixel: Gaussian noise
-/// exceeds four once in 16,000 samples, several times the samples of a region.
-const DEFECT: f64 = 4.0;
+/// Robust standard deviations above which a sample is from a defective pixel: no Gaussian noise of
+/// any region exceeds eight.
+const DEFECT: f64 = 8.0;
 
 /// Number of samples at similar distances from the edge with whose median a sample is compared:
 /// enough for a robust median, few compared with the edge's width.
@@ -84,8 +84,11 @@ const ONE_VALUE_SHARE: f64 = 0.5;
 /// Largest standard error of the response at one half: with more, one half is less than two
 /// standard errors from none.
 const MAX_NOISE: f64 = 0.25;
-/// Smallest scatter of samples, DN, for the limit of defects in noiseless frames.
-const MIN_SCATTER_DN: f64 = 1e-9;
+/// Number of samples at similar distances from the edge of whose scatter the limit of defects is.
+const ALIKE: usize = NEIGHBOURS * NEIGHBOURS;
+/// Smallest deviation of a defect over the step: less does not move the response, and is what
+/// rounding and uneven light leave where there is no noise.
+const MIN_DEFECT: f64 = 0.02;
 
 /// A rectangle of a frame, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -426,11 +429,9 @@ pub fn response<T: Copy + Into<f64>>(
     white_level_dn: Option<u16>,
     frequencies: &[f64],
 ) -> Result<Response> {
-    let mut found = find(frame, cfa, channel, roi, white_level_dn)?;
-    exclude_defects(&mut found.rows, &found.line);
+    let found = find(frame, cfa, channel, roi, white_level_dn)?;
     let trend = found.trend();
     let Found { rows, step, line, .. } = found.without(trend.as_ref())?;
-    let line = if trend.is_some() { line } else { EdgeLine::find(&rows, step)? };
     let spread = Spread::of(&rows, &line, step, Spread::reach(&rows, &line), None)?;
     let sfr = Sfr::of(&spread, spread.half())?;
     let [dark, bright] = far_sides(&rows, &line, sfr.half);
@@ -453,33 +454,38 @@ pub fn response<T: Copy + Into<f64>>(
 }
 
 /// Excludes samples that differ from the median of samples at the same distance from the edge by
-/// more than [`DEFECT`] robust standard deviations.
+/// more than [`DEFECT`] robust standard deviations of those thereabouts.
 fn exclude_defects(rows: &mut Rows, line: &EdgeLine) {
     let distance =
         |s: &Sample| (s.across - line.at(s.along)) / libm::hypot(line.slope(s.along), 1.0);
     let mut sorted: Vec<(f64, f64)> =
         rows.iter().flatten().map(|s| (distance(s), s.value)).collect();
+    if sorted.len() < NEIGHBOURS {
+        return;
+    }
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let around = |i: usize| {
         let first = i.saturating_sub(NEIGHBOURS / 2).min(sorted.len() - NEIGHBOURS);
         let mut values: Vec<f64> = sorted[first..first + NEIGHBOURS].iter().map(|s| s.1).collect();
         median(&mut values, f64::total_cmp)
     };
-    if sorted.len() < NEIGHBOURS {
-        return;
-    }
-    let local: Vec<(f64, f64)> = (0..sorted.len()).map(|i| (sorted[i].0, around(i))).collect();
-    let mut off: Vec<f64> = sorted.iter().zip(&local).map(|(s, l)| (s.1 - l.1).abs()).collect();
-    // The factor of 2: the bright side scatters more than both sides together, by shot noise less
-    // than twice as much for a contrast of 4.
-    let limit = 2.0 * DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp).max(MIN_SCATTER_DN);
-    let expected = |d: f64| {
-        let i = local.partition_point(|l| l.0 < d).min(local.len() - 1);
-        local[i].1
+    let local: Vec<f64> = (0..sorted.len()).map(around).collect();
+    let least = MIN_DEFECT * (line.levels[1] - line.levels[0]);
+    let limits: Vec<f64> = (0..sorted.len())
+        .step_by(ALIKE)
+        .map(|first| {
+            let last = sorted.len().min(first + ALIKE);
+            let mut off: Vec<f64> =
+                (first..last).map(|i| (sorted[i].1 - local[i]).abs()).collect();
+            (DEFECT * SD_PER_MAD * median(&mut off, f64::total_cmp)).max(least)
+        })
+        .collect();
+    let is_sound = |s: &Sample| {
+        let d = distance(s);
+        let i = sorted.partition_point(|other| other.0 < d).min(sorted.len() - 1);
+        (s.value - local[i]).abs() <= limits[i / ALIKE]
     };
-    for row in rows.iter_mut() {
-        row.retain(|s| (s.value - expected(distance(s))).abs() <= limit);
-    }
+    rows.iter_mut().for_each(|row| row.retain(is_sound));
     rows.retain(|r| r.len() >= MIN_SAMPLES);
 }
 
@@ -567,15 +573,18 @@ fn find<T: Copy + Into<f64>>(
 
 impl Found {
     fn trend(&self) -> Option<Trend> {
-        Trend::of(&self.rows, &self.line, self.step, Spread::reach(&self.rows, &self.line))
+        let mut rows = self.rows.clone();
+        exclude_defects(&mut rows, &self.line);
+        Trend::of(&rows, &self.line, self.step, Spread::reach(&self.rows, &self.line))
     }
 
-    /// The edge without a trend of its sides, in the same place.
+    /// The edge without a trend of its sides and without samples of defective pixels.
     fn without(mut self, trend: Option<&Trend>) -> Result<Self> {
         if let Some(trend) = trend {
             trend.take_off(&mut self.rows, &self.line);
-            self.line = EdgeLine::find(&self.rows, self.step)?;
         }
+        exclude_defects(&mut self.rows, &self.line);
+        self.line = EdgeLine::find(&self.rows, self.step)?;
         fill_tails(&mut self.rows, &self.line);
         Ok(self)
     }
@@ -680,26 +689,35 @@ fn check_clipping(rows: &Rows, white: Option<u16>) -> Result<()> {
     Ok(())
 }
 
-/// Refuses an edge with one side at one extreme value: it is clipped at an unknown level. Where
-/// both sides are so, there is no noise.
+/// Refuses an edge with one side at one extreme value, and noise on the other: it is clipped at an
+/// unknown level. Without noise, neighbouring samples have the same value on both.
 fn check_sides(rows: &Rows, line: &EdgeLine) -> Result<()> {
-    let samples = || rows.iter().flatten();
-    let mut even = Vec::new();
-    for bright in [false, true] {
+    let is_of = |bright: bool| {
         let after = bright == line.rises;
-        let side = samples().filter(|s| (s.across > line.at(s.along)) == after);
+        move |s: &&Sample| (s.across > line.at(s.along)) == after
+    };
+    // Share of neighbours of equal values.
+    let stillness = |bright: bool| {
+        let of_row = |row: &Vec<Sample>| {
+            let side: Vec<&Sample> = row.iter().filter(is_of(bright)).collect();
+            let equal = side.windows(2).filter(|two| two[0].value == two[1].value).count();
+            (equal, side.len().saturating_sub(1))
+        };
+        let (equal, all) =
+            rows.iter().map(of_row).fold((0, 0), |sum, row| (sum.0 + row.0, sum.1 + row.1));
+        equal as f64 / all.max(1) as f64
+    };
+    for bright in [false, true] {
+        let side = rows.iter().flatten().filter(is_of(bright));
         let values: Vec<f64> = side.map(|s| s.value).collect();
         let further = if bright { f64::max } else { f64::min };
         let Some(extreme) = values.iter().copied().reduce(further) else { continue };
         let share = values.iter().filter(|v| **v == extreme).count() as f64 / values.len() as f64;
-        if share > ONE_VALUE_SHARE {
-            even.push(clipped(bright, extreme, share, "its samples"));
+        if share > ONE_VALUE_SHARE && stillness(!bright) < ONE_VALUE_SHARE {
+            return Err(clipped(bright, extreme, share, "its samples"));
         }
     }
-    match even.len() {
-        1 => Err(even.remove(0)),
-        _ => Ok(()),
-    }
+    Ok(())
 }
 
 /// Replaces samples of the last DN of each side of an edge without noise. A code leaves half a DN
