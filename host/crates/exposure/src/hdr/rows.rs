@@ -4,7 +4,7 @@
 //! Everything is done in f64 on whole numbers below 2^53, where sums and products are exact and a
 //! quotient rounds down to the right number: it is further from the next one than its rounding.
 
-use camrig_sensor_core::hdr::{Companding, Line, Merge};
+use camrig_sensor_core::hdr::{Companding, Hand, Line, Merge};
 use camrig_vector::vectorised;
 
 /// Pixels in a step. Neighbours are alike, so that most steps need one capture and one line.
@@ -26,17 +26,17 @@ pub fn merge(merge: &Merge, captures: &[&[u16]], out: &mut [u32]) {
                 *to = (((f64::from(code) - black) * gain + ONE / 2.0) / ONE).floor();
             }
         };
+        // The last capture that all pixels have reached; those after it are mixed in where some
+        // have.
+        let reached = |hand: &Hand| {
+            codes(hand.decide.into()).iter().fold(u16::MAX, |a, &b| a.min(b)) >= hand.high_dn
+        };
+        let first_capture = merge.hands().iter().rposition(reached).map_or(0, |k| k + 1);
         let mut merged = [0.0; STEP];
-        level(0, &mut merged);
-        for (k, hand) in merge.hands().iter().enumerate() {
+        level(first_capture, &mut merged);
+        for (k, hand) in merge.hands().iter().enumerate().skip(first_capture) {
             let deciding = codes(hand.decide.into());
-            let darkest = deciding.iter().fold(u16::MAX, |a, &b| a.min(b));
-            let brightest = deciding.iter().fold(0, |a, &b| a.max(b));
-            if brightest <= hand.low_dn {
-                continue;
-            }
-            if darkest >= hand.high_dn {
-                level(k + 1, &mut merged);
+            if deciding.iter().fold(0, |a, &b| a.max(b)) <= hand.low_dn {
                 continue;
             }
             let mut next = [0.0; STEP];
@@ -81,14 +81,24 @@ pub fn compand(curve: &Companding, linear: &[u32], out: &mut [u16]) {
                 out.iter_mut().zip(linear).for_each(|(out, &linear)| *out = curve.code(linear));
                 break;
             }
+            let is_shift = run.count_ones() == 1;
             let [from, rise, run] = [from, rise, run].map(|v| v as f64);
             let (subtracted, pedestal) = (subtracted as f64, f64::from(curve.pedestal_dn));
             let first = (start + i64::from(curve.subtract_dn)) as f64;
-            for (out, &linear) in out.iter_mut().zip(linear) {
-                let linear = f64::from(linear as i32);
-                let code = ((from + (linear - subtracted) * rise) / run).floor();
-                let code = (code + pedestal).clamp(0.0, max) as i32 as u16;
-                *out = if linear >= first { code } else { *out };
+            // A power of two has an exact inverse, and a product takes a quarter of a quotient's
+            // time.
+            let inverse = 1.0 / run;
+            let above = |linear: u32| from + (f64::from(linear as i32) - subtracted) * rise;
+            let code = |quotient: f64| (quotient.floor() + pedestal).clamp(0.0, max) as i32 as u16;
+            let is_on = |linear: u32| f64::from(linear as i32) >= first;
+            let pixels = out.iter_mut().zip(linear);
+            match is_shift {
+                true => pixels.for_each(|(out, &linear)| {
+                    *out = if is_on(linear) { code(above(linear) * inverse) } else { *out };
+                }),
+                false => pixels.for_each(|(out, &linear)| {
+                    *out = if is_on(linear) { code(above(linear) / run) } else { *out };
+                }),
             }
             start = end;
         }
@@ -98,7 +108,7 @@ pub fn compand(curve: &Companding, linear: &[u32], out: &mut [u16]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use camrig_sensor_core::hdr::{Curve, Flicker, Hand, Level, Rounding};
+    use camrig_sensor_core::hdr::{Curve, Flicker, Level, Rounding};
 
     /// Codes of every size, in ramps and at random, through merges of 2 to 4 captures with gains to
     /// the largest: each pixel is that of the definition.
