@@ -358,8 +358,9 @@ mod tests {
         for (exitance, signal) in exitances.iter().zip(&signals) {
             for (channel, exact) in found.iter().zip(signal) {
                 let again: f64 = channel.iter().zip(exitance).map(|(s, e)| s * e).sum();
-                // Six components leave a few per cent of the spikes of a fluorescent lamp.
-                assert!((again / exact - 1.0).abs() < 0.05, "{again} {exact}");
+                // Six components leave up to a tenth of a dark patch under the spikes of a
+                // fluorescent lamp.
+                assert!((again / exact - 1.0).abs() < 0.1, "{again} {exact}");
             }
         }
         for name in ["D65", "A", "D50"] {
