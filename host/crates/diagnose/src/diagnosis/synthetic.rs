@@ -7,6 +7,7 @@ use rand_distr::{Distribution, Exp, Normal, Poisson};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use std::collections::BTreeSet;
+use std::f64::consts::{LN_2, TAU};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -71,6 +72,16 @@ struct Hidden {
     /// Noise of pixels behind the gain, DN, and offsets of columns there.
     behind_dn: f64,
     columns_dn: Vec<f64>,
+    /// Gain of each site relative to the mean, less 1.
+    more_gain: [f64; 4],
+    /// Black level of exposed frames above that of the bias, DN.
+    clamp_dn: f64,
+    /// Depth of the light's waves at each site and the angle in degrees by which they lag; their
+    /// frequency, cycles per row.
+    flicker: [[f64; 2]; 4],
+    cycles_per_row: f64,
+    /// Exposure of one more dark stack, s; none at 0.
+    longest_s: f64,
 }
 
 impl Sensor {
@@ -124,11 +135,17 @@ impl Sensor {
     fn frame(&mut self, taken: Taken, offset_dn: f64) -> Vec<u16> {
         let side = self.side;
         let mut charges = Vec::with_capacity(side * side);
+        let flickers = self.hidden.cycles_per_row > 0.0;
+        let start = if flickers { self.uniform() } else { 0.0 };
         for p in 0..side * side {
             let on = if self.jump[p] > 0.0 && self.uniform() < 0.5 { self.jump[p] } else { 0.0 };
-            let mean = taken.light_e * self.response[p]
+            let (x, y) = (p % side, p / side);
+            let turns = start + self.hidden.cycles_per_row * y as f64;
+            let [depth, lag] = self.hidden.flicker[y % 2 * 2 + x % 2];
+            let wave = depth * (TAU * turns - lag.to_radians()).sin();
+            let mean = taken.light_e * (1.0 + wave) * self.response[p]
                 + (self.rate[p] + on) * taken.exposure_s
-                + self.wait_e * (p / side) as f64;
+                + self.wait_e * y as f64;
             charges.push(self.poisson(mean));
         }
         for _ in 0..self.poisson(self.hidden.hits_per_s * taken.exposure_s) as usize {
@@ -136,7 +153,8 @@ impl Sensor {
         }
         self.transfer(&mut charges);
         let sites: Vec<f64> = (0..4).map(|_| self.hidden.site_offset_dn * self.normal()).collect();
-        let black = BLACK + self.per_kelvin_dn * (taken.temperature_c - 20.0) + offset_dn;
+        let clamp = if taken.exposure_s > 0.0 { self.hidden.clamp_dn } else { 0.0 };
+        let black = BLACK + self.per_kelvin_dn * (taken.temperature_c - 20.0) + offset_dn + clamp;
         let mut frame = Vec::with_capacity(side * side);
         for y in 0..side {
             let row = self.row_noise_e * self.normal();
@@ -147,8 +165,9 @@ impl Sensor {
                 let e = charges[y * side + x] + READ_E * self.normal() + row;
                 let column = self.hidden.columns_dn.get(x).copied().unwrap_or(0.0);
                 let behind = self.hidden.behind_dn * self.normal() + column;
-                let offset = black + sites[y % 2 * 2 + x % 2] + behind;
-                let level = offset + GAIN * taken.analog_gain * e;
+                let site = y % 2 * 2 + x % 2;
+                let gain = GAIN * taken.analog_gain * (1.0 + self.hidden.more_gain[site]);
+                let level = black + sites[site] + behind + gain * e;
                 let code = if self.hidden.truncates { level.floor() } else { level.round() };
                 frame.push(code.clamp(0.0, 4095.0) as u16);
             }
@@ -167,7 +186,7 @@ impl Sensor {
                 break cos;
             }
         };
-        let turn = std::f64::consts::TAU * self.uniform();
+        let turn = TAU * self.uniform();
         let sin = (1.0 - cos * cos).sqrt();
         let mut depth = 0.0;
         while depth < 1.0 {
@@ -376,6 +395,39 @@ fn offsets_of_frames_behind_the_gain_are_told_from_those_before_it() {
     assert_eq!(exponent, Some(-1.0));
 }
 
+/// Greens that differ in their response and in what they see of light that flickers: even and odd
+/// columns of green pixels differ, and nothing that reads them does.
+#[test]
+fn unequal_greens_are_not_channels_of_the_read_out() {
+    let mut sensor = Sensor::new(64, 12);
+    sensor.hidden.cfa = Some("GRBG");
+    sensor.hidden.cycles_per_row = 0.0145;
+    sensor.hidden.flicker = [[0.050, 0.0], [0.046, 8.0], [0.063, -12.5], [0.048, 2.0]];
+    for p in 0..64 * 64 {
+        let (x, y) = (p % 64 % 2, p / 64 % 2);
+        sensor.response[p] *= [0.987, 1.0, 1.0, 1.013][y * 2 + x];
+    }
+    let stacks = [dark(0.01, 16), dark(1.0, 16), flat(2000.0), flat(5000.0)];
+    let diagnosis = found(&mut sensor, &stacks);
+    let steps: Vec<&str> = diagnosis.report.steps.iter().map(|s| &s.effect[..]).collect();
+    assert!(steps.contains(&"green-imbalance"), "{steps:?}, {:?}", diagnosis.report.unexplained);
+    assert!(!steps.contains(&"readout-channel-mismatch"), "{steps:?}");
+}
+
+/// Columns that two amplifiers read in turn.
+#[test]
+fn channels_of_the_read_out_are_named_by_the_pattern_that_they_have() {
+    let mut sensor = Sensor::new(64, 13);
+    sensor.hidden.columns_dn = (0..64).map(|x| [1.0, -1.0][x % 2]).collect();
+    let stacks = [dark(0.01, 16), dark(1.0, 16), flat(2000.0), flat(5000.0)];
+    let diagnosis = found(&mut sensor, &stacks);
+    let (sigma, error) = only_step(&diagnosis, "readout-channel-mismatch", "offset_e");
+    let left = &diagnosis.report.unexplained;
+    assert_eq!(diagnosis.report.verdict, Verdict::Explained, "{left:?}");
+    // Two numbers a contrast of 2 DN apart.
+    assert!((sigma - 2.0f64.sqrt() / GAIN).abs() < 4.0 * error, "{sigma} ± {error}");
+}
+
 /// The same frames cropped at five sizes: what a part shows the whole shows too, and neither shows
 /// what is not there.
 #[test]
@@ -441,7 +493,9 @@ fn place(sensor: &mut Sensor) -> usize {
     4 + (sensor.uniform() * (sensor.side - 12) as f64) as usize
 }
 
-const CASES: [Case; 9] = [
+const SITES: [&str; 4] = ["site 0,0", "site 1,0", "site 0,1", "site 1,1"];
+
+const CASES: [Case; 13] = [
     Case {
         effect: "particle-hits",
         hide: |s| {
@@ -505,10 +559,10 @@ const CASES: [Case; 9] = [
         // The median of all pixels moves with one site.
         also: &["dark-current"],
         check: |e, s| {
-            ["0,0", "1,0", "0,1", "1,1"].into_iter().enumerate().all(|(site, name)| {
-                let rate = s.rate[site / 2 * s.side + site % 2];
-                is_right(e, &format!("site {name}"), GAIN * rate)
-            })
+            SITES
+                .into_iter()
+                .enumerate()
+                .all(|(site, name)| is_right(e, name, GAIN * s.rate[site / 2 * s.side + site % 2]))
         },
     },
     Case {
@@ -560,17 +614,76 @@ const CASES: [Case; 9] = [
                 && is_right(e, "column_pattern_behind", columns)
         },
     },
+    Case {
+        effect: "gain-by-site",
+        hide: |s| {
+            s.hidden.cfa = Some("GRBG");
+            let more = 0.12 + 0.06 * s.uniform();
+            s.hidden.more_gain = [more, -more, -more, more];
+        },
+        // The same charge is more codes at some sites; the median lies among those of one half.
+        also: &["dark-current-by-site", "dark-current", "read-noise-spread", "read-noise"],
+        check: |e, s| {
+            let gains = SITES.into_iter().zip(s.hidden.more_gain);
+            gains.into_iter().all(|(name, more)| is_right(e, name, GAIN * (1.0 + more)))
+        },
+    },
+    Case {
+        effect: "flicker-by-site",
+        hide: |s| {
+            s.hidden.cfa = Some("GRBG");
+            s.hidden.cycles_per_row = 0.03 + 0.02 * s.uniform();
+            let [red, blue] = [0.05 + 0.02 * s.uniform(), 0.12 + 0.05 * s.uniform()];
+            let lag = 5.0 + 10.0 * s.uniform();
+            s.hidden.flicker = [[0.09, 0.0], [red, lag], [blue, -lag], [0.09, 2.0]];
+        },
+        also: &["flicker-banding"],
+        check: |e, s| {
+            let (first, lag) = (amount(e, SITES[0]).0, amount(e, "lag of site 0,0").0);
+            SITES.into_iter().zip(s.hidden.flicker).all(|(name, [depth, later])| {
+                is_right(e, name, first / s.hidden.flicker[0][0] * depth)
+                    && is_right(e, &format!("lag of {name}"), lag + later)
+            })
+        },
+    },
+    Case {
+        effect: "dark-current-telegraph-noise",
+        hide: |s| {
+            let law = Exp::new(1.0 / (30.0 + 30.0 * s.uniform())).unwrap();
+            for p in s.some(40) {
+                s.jump[p] = law.sample(&mut s.rng);
+            }
+            s.hidden.longest_s = 12.0;
+        },
+        // Their mean rate is higher too.
+        also: &["hot-pixels"],
+        check: |e, s| {
+            let jumps = s.jump.iter().filter(|j| **j > 0.0);
+            let mean = jumps.clone().sum::<f64>() / jumps.count() as f64;
+            let median = amount(e, "median_jump").0 / (GAIN * LN_2 * mean);
+            is_right(e, "exponent", 1.0) && (0.5..2.0).contains(&median)
+        },
+    },
+    Case {
+        effect: "black-level-over-exposure",
+        hide: |s| s.hidden.clamp_dn = 0.3 + 0.5 * s.uniform(),
+        also: &[],
+        check: |e, s| is_right(e, "step", s.hidden.clamp_dn),
+    },
 ];
 
 /// Darks of three exposures and two gains, two flats.
-fn plan() -> [Taken; 6] {
+fn plan(hidden: &Hidden) -> Vec<Taken> {
     let high = Taken { analog_gain: 4.0, ..dark(0.0, 16) };
-    [dark(0.0, 24), dark(2.0, 16), dark(6.0, 16), flat(2000.0), flat(5000.0), high]
+    let all = [dark(0.0, 24), dark(2.0, 16), dark(6.0, 16), flat(2000.0), flat(5000.0), high];
+    let longest = (hidden.longest_s > 0.0).then(|| dark(hidden.longest_s, 16));
+    all.into_iter().chain(longest).collect()
 }
 
 /// What the frames of a sensor show of each effect, without a search.
 fn evidence(sensor: &mut Sensor) -> Vec<Evidence> {
-    let (camera, folder) = sensor.take(&plan());
+    let stacks = plan(&sensor.hidden);
+    let (camera, folder) = sensor.take(&stacks);
     let set = CaptureSet::load(&folder).unwrap();
     let (camera, cleaned, measured) =
         measure(&camera, set, Keep::Moments, &Options::default()).unwrap();
@@ -591,7 +704,7 @@ fn wrong(case: &Case, draw: u64) -> Vec<String> {
     let is_false = |e: &&Evidence| {
         e.is_named() && e.effect != case.effect && !case.also.contains(&&e.effect[..])
     };
-    let others = found.iter().filter(is_false).map(|e| format!("{} {}", e.effect, e.deviation));
+    let others = found.iter().filter(is_false).map(|e| format!("{e:?}"));
     let all = missed.into_iter().chain(off).chain(others);
     all.map(|what: String| format!("{}, draw {draw}: {what}", case.effect)).collect()
 }
@@ -639,7 +752,8 @@ fn each_is_added_to_the_model_and_the_gap_shrinks() {
     for case in &CASES {
         let mut sensor = Sensor::new(112, 3000);
         (case.hide)(&mut sensor);
-        let (camera, folder) = sensor.take(&plan());
+        let stacks = plan(&sensor.hidden);
+        let (camera, folder) = sensor.take(&stacks);
         let set = CaptureSet::load(&folder).unwrap();
         let found = diagnose(&camera, set, &Options::default()).unwrap();
         std::fs::remove_dir_all(folder).unwrap();

@@ -32,7 +32,7 @@ const MAX_CORRELATION: f64 = 0.95;
 /// Chance from frame to frame that a blinking pixel is renewed, where the frames are too few to
 /// show it: between that of frames in close succession and of independent ones.
 const RENEWAL: f64 = 0.5;
-/// Twice the mains, Hz: that which is taken, and the other.
+/// Twice the frequencies of the mains, Hz.
 const FLICKER_HZ: f64 = 100.0;
 const OTHER_HZ: f64 = 120.0;
 /// The power of a frequency over the median from which flicker stands out.
@@ -741,6 +741,13 @@ fn left_by(exposure_s: f64, frequency_hz: f64) -> f64 {
     if left > 1e-3 { left } else { 1.0 }
 }
 
+/// Of twice the frequencies of the mains that of which the exposure leaves more: an exposure of
+/// whole periods of the other shows none of it.
+fn likelier_hz(exposure_s: f64) -> f64 {
+    let left = |hz: f64| sinc(hz * exposure_s).abs();
+    if left(OTHER_HZ) > left(FLICKER_HZ) { OTHER_HZ } else { FLICKER_HZ }
+}
+
 /// The effect of the catalogue with what a test gives of its parameters: what the model has, plus
 /// the difference of the figures, each in electrons by its own gain.
 pub(super) fn proposal(
@@ -945,11 +952,11 @@ pub(super) fn proposal(
         "flicker-banding" | "flicker-by-site" => {
             let brightest = brightest(data)?;
             let [frequency, depth] = brightest.flicker.fit?;
-            let left = left_by(brightest.exposure_s, FLICKER_HZ);
+            let hz = likelier_hz(brightest.exposure_s);
             let mut law = vec![
-                ("depth", depth.scaled(1.0 / left)),
-                ("frequency_hz", Value::chosen(FLICKER_HZ)),
-                ("row_time_us", frequency.scaled(1e6 / FLICKER_HZ)),
+                ("depth", depth.scaled(1.0 / left_by(brightest.exposure_s, hz))),
+                ("frequency_hz", Value::chosen(hz)),
+                ("row_time_us", frequency.scaled(1e6 / hz)),
             ];
             if test.effect == "flicker-by-site" {
                 law.extend(of_places(&brightest.flicker.by_site)?);
