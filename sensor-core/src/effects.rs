@@ -267,6 +267,7 @@ catalogue! {
     59 => charge_transfer_inefficiency::ChargeTransferInefficiency if "charge-transfer-inefficiency",
     60 => persistence::Persistence if "persistence",
     61 => requantised::Requantised if "requantised",
+    62 => gain_by_site::GainBySite if "gain-by-site",
 }
 
 impl Effect {

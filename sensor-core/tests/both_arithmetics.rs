@@ -21,7 +21,7 @@ const MAX_DN_PER_COUNT: f64 = 0.9;
 const SENSORS: usize = 1000;
 
 /// Effects that count nothing; those of normal numbers have their own tests.
-const KINDS: [&str; 17] = [
+const KINDS: [&str; 18] = [
     "quantum-efficiency",
     "exposure-offset",
     "colour-shading",
@@ -36,6 +36,7 @@ const KINDS: [&str; 17] = [
     "full-well",
     "companding",
     "system-gain",
+    "gain-by-site",
     "gain-stage",
     "random-telegraph-noise",
     "black-level-offset",

@@ -21,7 +21,7 @@ in_both_arithmetics! {
     colour_shading
     relative_illumination fringing adc_nonlinearity requantised defective_pixels hot_pixels column_offset_fpn
     light_is_not_cut_before_its_effects black_sun_sets_in_anywhere_in_its_range
-    system_gain quantum_efficiency stuck_pixels defective_columns defective_areas
+    system_gain gain_by_site quantum_efficiency stuck_pixels defective_columns defective_areas
     a_converter_that_truncates_is_half_a_code_low
 }
 
@@ -773,6 +773,18 @@ fn system_gain<A: Arith>() {
     RATIOS
         .into_iter()
         .for_each(|ratio| check_gain::<A>(system_gain::SystemGain { ratio }.into(), ratio));
+}
+
+fn gain_by_site<A: Arith>() {
+    for gains in [[0.1, 1.0, 7.99, 10.0], [8.01, 8.0, 0.5, 1.0]] {
+        let [plane_0, plane_1, plane_2, plane_3] = gains;
+        let effect = gain_by_site::GainBySite { plane_0, plane_1, plane_2, plane_3 };
+        let config = bayer(70, 4, &[effect.into()]);
+        for (p, v) in flat::<A>(&config, &FrameSettings::new(5e-4), 400.0).iter().enumerate() {
+            let right = 400.0 * f64::from(gains[p / 70 % 2 * 2 + p % 2]);
+            assert!((v - right).abs() < HALF + 1e-6 * right, "pixel {p}: {v}, not {right}");
+        }
+    }
 }
 
 fn quantum_efficiency<A: Arith>() {
