@@ -1,8 +1,10 @@
-//! The USB camera against arbitrary requests of an attached host.
+//! The USB camera, and the I2C adapter beside it, against arbitrary requests of an attached host.
 
-use camrig_gige::{Pattern, Sensor, Taken, Timing};
-use camrig_usbip::Device;
+use camrig_gige::{Pace, Pattern, Sensor, Taken, Timing};
+use camrig_profiles::Profile;
 use camrig_usbip::protocol::{HEADER_BYTES, Operation, Request};
+use camrig_usbip::{Adapter, Device};
+use std::sync::Mutex;
 use std::time::Duration;
 
 /// Requests one after another: the least significant bytes of the code, the number, the direction,
@@ -20,6 +22,9 @@ pub fn attach(data: &[u8]) {
         timing: Timing { exposure_lines: 10, frame_lines: 100, gain_code: 256 },
     };
     let mut device = Device::new(sensor);
+    let Ok(profile) = Profile::builtin("ov7670") else { return };
+    let bus = Mutex::new(camrig_profiles::Sensor::new(profile));
+    let mut adapter = Adapter::new(&bus, "1");
     let (mut rest, mut now) = (data, Duration::ZERO);
     while let [code, seq, direction, endpoint, length, setup @ ..] = rest {
         let Some((setup, left)) = setup.split_at_checked(8) else { break };
@@ -33,7 +38,13 @@ pub fn attach(data: &[u8]) {
         rest = left;
         now += Duration::from_millis(1);
         device.receive(now, &request, body);
-        if let Some(order) = device.order(now) {
+        adapter.receive(&request, body);
+        let pace = match seq & 0x18 {
+            0x18 => Pace::Standby,
+            0x10 => Pace::Every(Duration::MAX),
+            _ => Pace::AsOrdered,
+        };
+        if let Some(order) = device.order(now, pace) {
             device.deliver(match seq & 7 {
                 7 => Taken::Dropped(0),
                 6 => Taken::End,

@@ -52,7 +52,7 @@ mod readout;
 mod rig;
 mod rig_camera;
 mod rig_frames;
-
+mod rig_sensor;
 mod rig_stream;
 mod rig_view;
 mod scene;

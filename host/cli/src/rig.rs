@@ -71,6 +71,7 @@ struct InfoArgs {
     camrig rig serve --pty\n  \
     camrig rig serve --gige 127.0.0.1 --camera mt9v024 --scene colorchecker --exposure 5ms\n  \
     camrig rig serve --usbip --camera mt9v024 --scene colorchecker --exposure 5ms\n  \
+    camrig rig serve --usbip --camera mt9v024 --scene colorchecker --sensor ov7670\n  \
     camrig rig serve --device /dev/hidg0 --report 64    (the gadget side of a USB device)")]
 #[command(group(clap::ArgGroup::new("link")
     .required(true).args(["tcp", "pty", "device", "gige", "usbip"])))]

@@ -7,6 +7,7 @@ use super::arguments::{
 use super::listen;
 use super::notes::Notes;
 use super::rig_frames::{FaultArgs, RigFrames};
+use super::rig_sensor::{self, Registers};
 use super::scene_lights::SceneLights;
 use super::times::{self, TimeArgs};
 use super::view_args::{self, SequenceArgs, ViewArgs};
@@ -16,7 +17,8 @@ use camrig_base::{Cfa, Error, Result};
 use camrig_camera::Camera;
 use camrig_formats::Format;
 use camrig_formats::live::{Beside, LiveEncoder};
-use camrig_gige::{self as gige, Order, Pattern, Sensor, Taken, Timing};
+use camrig_gige::{self as gige, Order, Pace, Pattern, Sensor, Taken, Timing};
+use camrig_profiles as profiles;
 use camrig_render::readout::Region;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::remembering::remembering;
@@ -24,11 +26,13 @@ use camrig_rig::script::Write as Setting;
 use camrig_rig::stage::changing_light;
 use camrig_rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
+use camrig_sensor_core::config::FrameSettings;
 use camrig_usbip as usbip;
 use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, FromArgMatches};
 use std::net::{Ipv4Addr, SocketAddrV4};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Frame rate without one asked for or in the camera file, frames/s.
@@ -58,6 +62,16 @@ pub struct Args {
     /// Frame rate at the start, frames/s [default: that of the camera file's timing, or 30]
     #[arg(long, requires = "camera_link", value_parser = frames_per_s, value_name = "F")]
     fps: Option<f64>,
+    /// Registers of a real sensor: exposure, gain and frame rate are what a driver writes to them.
+    /// They are on an I2C adapter that Linux attaches beside the camera (modprobe i2c-tiny-usb;
+    /// usbip attach -r ADDRESS -b 1-2). A sensor's name such as imx219, or the file of a profile
+    #[arg(
+        long,
+        requires = "usbip",
+        conflicts_with_all = ["exposure", "gain", "fps"],
+        value_name = "PROFILE"
+    )]
+    sensor: Option<String>,
     /// Arithmetic of the sensor stage
     #[arg(long, requires = "camera_link", value_parser = arithmetic(), default_value_t)]
     arith: Arithmetic,
@@ -233,7 +247,12 @@ impl Open {
     }
 
     /// Serves applications until a signal asks to stop, and says how much was sent.
-    fn run(&self, sensor: Sensor, source: &mut Source<'_>) -> Result<()> {
+    fn run(
+        &self,
+        sensor: Sensor,
+        source: &mut Source<'_>,
+        bus: Option<&Mutex<profiles::Sensor>>,
+    ) -> Result<()> {
         let stop = Stoppable::new();
         match self {
             Self::Gige(server) => {
@@ -245,7 +264,7 @@ impl Open {
                 );
             }
             Self::Usbip(server) => {
-                let images = server.run(sensor, source, || stop.is_asked())?;
+                let images = server.run(sensor, source, bus, || stop.is_asked())?;
                 eprintln!("sent {}", counted(images as usize, "frame"));
             }
         }
@@ -276,8 +295,13 @@ pub fn serve(
             .help("images have 4 columns and 2 rows at least, and at most 65535 and 65533"));
     }
     let pattern = pattern(&camera.sensor.cfa)?;
+    let bus = args.sensor.as_deref().map(rig_sensor::open).transpose()?.map(Mutex::new);
     let changes =
         view.motion.is_some() || args.time.is_given() || view.sequence.is_sequence(&view.scene)?;
+    if changes && bus.is_some() {
+        return Err(Error::unsupported("a scene that changes, with frame times from registers")
+            .help("leave out --sensor, or give a still scene and steady light"));
+    }
     let times = if changes { args.time.times(&camera, args.fps)? } else { None };
     let fps = args.fps.or(camera.sensor.timing.is_none().then_some(USUAL_FPS));
     let (mut lights, first) = SceneLights::open(&view, &camera, fps, times, Notes::default())?;
@@ -297,6 +321,7 @@ pub fn serve(
         arithmetic: args.arith,
         rig,
         frames,
+        registers: bus.as_ref().map(|bus| Registers::new(bus, (width, height))),
         held: Vec::new(),
         is_stuck: false,
         frame_lines: bound_to_rate.then_some(sensor.timing.frame_lines),
@@ -313,7 +338,7 @@ pub fn serve(
         );
     }
     ready(server.url());
-    server.run(sensor, &mut source)
+    server.run(sensor, &mut source, bus.as_ref())
 }
 
 /// The colour filters as both links know them.
@@ -385,7 +410,9 @@ struct Source<'a> {
     arithmetic: Arithmetic,
     rig: Rig,
     frames: RigFrames<'a>,
-    /// What the sensor's registers hold, by their addresses.
+    /// Those of a real sensor, which set the frames' timing instead of orders.
+    registers: Option<Registers<'a>>,
+    /// What the rig's registers hold, by their addresses.
     held: Vec<(u16, u16)>,
     /// Whether the fault register holds a fault that lasts.
     is_stuck: bool,
@@ -397,7 +424,45 @@ struct Source<'a> {
     slow: Option<u32>,
 }
 
+/// A frame that begins.
+struct Start {
+    request: FrameRequest,
+    /// Its exposure where the rig's registers do not say it, s.
+    exposure_s: Option<f64>,
+    period: Duration,
+}
+
 impl Source<'_> {
+    /// Begins a frame: as ordered, by the rig's registers, or as a real sensor's registers say;
+    /// `None` if that sensor stands by.
+    fn begin(&mut self, order: &Order) -> Result<Option<Start>> {
+        let Some(registers) = &mut self.registers else {
+            self.write(order)?;
+            let settings = self.camera.settings(order.frame, 1.0, None);
+            let lines = u64::from(order.timing.frame_lines);
+            return Ok(Some(Start {
+                request: FrameRequest { by_registers: true, ..self.request(settings) },
+                exposure_s: None,
+                period: Duration::from_nanos(lines * u64::from(self.line_ns)),
+            }));
+        };
+        let is_stuck = self.frames.has_stuck_registers(order.frame);
+        let frame = registers.next_frame(order.after_standby, is_stuck);
+        Ok(frame.map(|frame| {
+            let gain = Some(frame.analog_gain);
+            let settings = self.camera.settings(order.frame, frame.exposure_s, gain);
+            Start {
+                request: self.request(settings),
+                exposure_s: Some(frame.exposure_s),
+                period: rig_sensor::lasts(&frame),
+            }
+        }))
+    }
+
+    fn request(&self, settings: FrameSettings) -> FrameRequest {
+        FrameRequest { arithmetic: self.arithmetic, ..FrameRequest::new(settings) }
+    }
+
     /// Writes what the order asks for into the rig's registers, which act with their delay.
     fn write(&mut self, order: &Order) -> Result<()> {
         let Timing { exposure_lines, frame_lines, gain_code } = order.timing;
@@ -437,12 +502,11 @@ impl Source<'_> {
     }
 
     /// Says that the frame rate cannot be kept, once some frames have taken longer than it allows.
-    fn tell_slow(&mut self, order: &Order, took: Duration) {
+    fn tell_slow(&mut self, order: &Order, period: Duration, took: Duration) {
         /// More than a hiccup of the machine.
         const SLOW_FRAMES: u32 = 10;
         let Some(slow) = &mut self.slow else { return };
-        let period_ns = u64::from(order.timing.frame_lines) * u64::from(self.line_ns);
-        let is_slow = !order.after_standby && took > Duration::from_nanos(period_ns);
+        let is_slow = !order.after_standby && took > period;
         *slow = if is_slow { *slow + 1 } else { 0 };
         if *slow == SLOW_FRAMES {
             self.slow = None;
@@ -450,7 +514,7 @@ impl Source<'_> {
                 "note: frames take {} ms, and their period is {} ms: the frame rate is not kept \
                  (--collapse and --path live are faster)",
                 took.as_millis(),
-                period_ns / 1_000_000
+                period.as_millis()
             );
         }
     }
@@ -472,24 +536,23 @@ impl Source<'_> {
 impl gige::Camera for Source<'_> {
     type Error = Error;
 
+    fn pace(&mut self) -> Pace {
+        self.registers.as_ref().map_or(Pace::AsOrdered, Registers::pace)
+    }
+
     fn take(&mut self, order: &Order) -> Result<Taken> {
         let began = Instant::now();
-        self.write(order)?;
-        if !self.frames.light(&mut self.rig, order.frame, None)? {
+        let Some(start) = self.begin(order)? else { return Ok(Taken::Dropped(0)) };
+        if !self.frames.light(&mut self.rig, order.frame, start.exposure_s)? {
             return Ok(Taken::End);
         }
-        let request = FrameRequest {
-            arithmetic: self.arithmetic,
-            by_registers: true,
-            ..FrameRequest::new(self.camera.settings(order.frame, 1.0, None))
-        };
-        let frame = self.frames.take(&mut self.rig, order.frame, request)?;
+        let frame = self.frames.take(&mut self.rig, order.frame, start.request)?;
         let counter = frame.start.counter;
         let taken = match frame.dropped {
             true => Taken::Dropped(counter),
             false => Taken::Image(self.encode(order, &frame)?, counter),
         };
-        self.tell_slow(order, began.elapsed());
+        self.tell_slow(order, start.period, began.elapsed());
         Ok(taken)
     }
 }

@@ -1,7 +1,7 @@
 //! The emulator as a USB video camera, seen by a host that knows USB/IP and UVC alone.
 
 use super::gige::{Server, exposed, light, serve_as};
-use camrig::usbip::protocol::{BUS_ID, HEADER_BYTES};
+use camrig::usbip::protocol::{ADAPTER_BUS_ID, BUS_ID, HEADER_BYTES};
 use std::collections::BTreeSet;
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -18,6 +18,8 @@ const BUSY: u32 = 2;
 const NO_DEVICE: u32 = 4;
 const EPIPE: i32 = -32;
 const ECONNRESET: i32 = -104;
+/// Address of the IMX477 on I2C.
+const IMX477: u16 = 0x1A;
 /// Interface and unit of controls, as set-up packets name them.
 const CAMERA: u16 = 0x0100;
 const PROCESSING: u16 = 0x0200;
@@ -57,8 +59,33 @@ fn attach(server: &Server, bus_id: &str) -> Result<Client, u32> {
     }
     let mut device = [0; 0x138];
     link.read_exact(&mut device).unwrap();
-    assert_eq!(&device[256..259], BUS_ID.as_bytes());
+    assert_eq!(&device[256..259], bus_id.as_bytes());
     Ok(Client { link, seq: 0, outs: BTreeSet::new() })
+}
+
+impl Client {
+    /// Writes a message on I2C and returns the status: 1 acknowledged, 2 not.
+    fn i2c_write(&mut self, address: u16, message: &[u8]) -> u8 {
+        let [low, high] = address.to_le_bytes();
+        let setup = [0x41, 7, 0, 0, low, high, message.len() as u8, 0];
+        let submitted = self.submit(0, Some(message), message.len() as u32, setup);
+        assert_eq!(self.answer_to(submitted).0, 0);
+        self.get(0xC1, 3, 0, 0, 1).1[0]
+    }
+
+    /// Reads a register of 16 bits in two of 8.
+    fn i2c_read(&mut self, address: u16, register: u16) -> u16 {
+        assert_eq!(self.i2c_write(address, &register.to_be_bytes()), 1);
+        let (status, data) = self.get(0xC1, 7, 1, address, 2);
+        assert_eq!(status, 0);
+        u16::from_be_bytes(data.try_into().unwrap())
+    }
+
+    /// Writes two registers.
+    fn set_sensor(&mut self, register: u16, value: u16) {
+        let message = [register, value].map(u16::to_be_bytes);
+        assert_eq!(self.i2c_write(IMX477, message.as_flattened()), 1);
+    }
 }
 
 /// The device, once the host that had it is noticed to have gone.
@@ -204,6 +231,54 @@ fn frames_are_those_of_expose_and_controls_act_after_the_sensors_delay() {
     assert_eq!(client.set(4, PROCESSING, &[0, 0]), EPIPE);
     assert_eq!(client.set(9, CAMERA, &[1]), EPIPE);
     assert_eq!(client.get(0xA1, 0x81, 0x0900, CAMERA, 4).0, EPIPE);
+}
+
+/// Exposure and gain of the IMX477 act after two frames: the rig's own registers have another
+/// delay of the gain.
+#[test]
+fn a_sensors_registers_on_i2c_set_exposure_and_gain_after_its_delays() {
+    const COUNT: usize = 9;
+    let folder = tempfile::tempdir().unwrap();
+    let server = serve(folder.path(), "--scene colorchecker --sensor imx477");
+    light(folder.path());
+    let camera = camrig::camera::Camera::load(folder.path().join("c.toml").to_str().unwrap());
+    let cfa = camera.unwrap().sensor.cfa;
+    let mut client = attach(&server, BUS_ID).unwrap();
+    let mut bus = attach(&server, ADAPTER_BUS_ID).unwrap();
+    assert_eq!(attach(&server, ADAPTER_BUS_ID).err(), Some(BUSY));
+    let (mut list, _) = ask(&server, 0x8005, &[]);
+    let mut listed = Vec::new();
+    list.read_to_end(&mut listed).unwrap();
+    assert_eq!((word(&listed, 0), listed.len()), (2, 4 + 2 * 0x138 + 3 * 4));
+    // One master: the camera has no controls of its own.
+    assert_eq!(client.set(4, CAMERA, &50u32.to_le_bytes()), EPIPE);
+    assert_eq!(client.get(0xA1, 0x81, 0x0400, PROCESSING, 2).0, EPIPE);
+    assert_eq!((bus.i2c_write(0x36, &[]), bus.i2c_read(IMX477, 0x0016)), (2, 0x0477));
+    // The sensor stands by until it is told to stream.
+    for (register, value) in [(0x0342, 11_000), (0x0340, 1000), (0x0202, 400), (0x0204, 0)] {
+        bus.set_sensor(register, value);
+    }
+    client.commit(1, 0);
+    let first = client.submit(1, None, TRANSFER, [0; 8]);
+    assert!(client.is_quiet());
+    assert_eq!(bus.i2c_write(IMX477, &[0x01, 0x00, 1]), 1);
+    let expected = [(400, "1"), (400, "2"), (800, "2")].map(|(lines, gain)| {
+        let options = format!("--exposure {}s --gain {gain}", f64::from(lines) * 11_000.0 / 840e6);
+        exposed(folder.path(), &format!("S{cfa}16"), &options, COUNT)
+    });
+    for frame in 0..COUNT {
+        let image = match frame {
+            0 => client.answer_to(first).1[2..].to_vec(),
+            _ => client.image().0,
+        };
+        match frame {
+            1 => bus.set_sensor(0x0204, 512), // 1024 / (1024 - 512)
+            4 => bus.set_sensor(0x0202, 800),
+            _ => {}
+        }
+        let settings = [0, 0, 0, 1, 1, 1, 2, 2, 2][frame];
+        assert!(image == expected[settings][frame], "frame {frame}");
+    }
 }
 
 #[test]

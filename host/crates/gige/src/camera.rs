@@ -1,6 +1,7 @@
 //! What a device shows: a sensor, and frames that are taken as it asks for them.
 
 use crate::pixel::Pattern;
+use std::time::Duration;
 
 /// Gain code of unity gain: `gain = code / 256`, as in CCS with gain type 0.
 pub const UNITY_GAIN_CODE: u16 = 256;
@@ -102,10 +103,27 @@ pub enum Taken {
     End,
 }
 
+/// How frames follow one another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// By the frame length that the device orders.
+    AsOrdered,
+    /// By registers of the source: the next frame lasts so long.
+    Every(Duration),
+    /// The source stands by: there are no frames.
+    Standby,
+}
+
 /// A source of frames.
 pub trait Camera {
     /// Why no frame can be taken.
     type Error;
+
+    /// How frames follow one another. USB cameras ask before each frame; GigE Vision has frame
+    /// rate and triggers among its features.
+    fn pace(&mut self) -> Pace {
+        Pace::AsOrdered
+    }
 
     /// Takes a frame. Called with numbers that count up; may take as long as the frame lasts.
     ///

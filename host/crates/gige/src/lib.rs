@@ -39,10 +39,13 @@ pub mod gvcp;
 pub mod gvsp;
 mod memory;
 mod pixel;
+pub mod running;
 mod serve;
 mod stream;
 
-pub use camera::{Camera, Order, Region, STUCK_COUNTER, Sensor, Taken, Timing, UNITY_GAIN_CODE};
+pub use camera::{
+    Camera, Order, Pace, Region, STUCK_COUNTER, Sensor, Taken, Timing, UNITY_GAIN_CODE,
+};
 pub use device::{Device, Next};
 pub use pixel::{Pattern, PixelFormat};
 pub use serve::{Server, Summary};

@@ -1,16 +1,13 @@
 //! A device on the network: its sockets, its clock, and the camera in the calling thread.
 
-use crate::camera::{Camera, Sensor, Taken};
+use crate::camera::{Camera, Order, Sensor, Taken};
 use crate::device::{Counts, Device, Next};
 use crate::gvcp::{Command, Request};
+use crate::running::{LOOK, Orders, Running};
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Longest wait of any thread, after which it looks whether the server ends.
-const LOOK: Duration = Duration::from_millis(50);
 /// Waits below this are spent spinning: sleeping takes longer to wake up from.
 const SPIN: Duration = Duration::from_micros(100);
 /// Longest datagram of GVCP.
@@ -29,12 +26,18 @@ pub struct Server {
     address: SocketAddrV4,
 }
 
-/// What the threads share.
-struct Shared {
-    device: Mutex<Device>,
-    changed: Condvar,
-    began: Instant,
-    ends: AtomicBool,
+impl Orders for Device {
+    fn order<C: Camera>(&mut self, now: Duration, _: &mut C) -> Option<Order> {
+        Self::order(self, now)
+    }
+
+    fn next_order(&self) -> Option<Duration> {
+        Self::next_order(self)
+    }
+
+    fn deliver(&mut self, taken: Taken) {
+        Self::deliver(self, taken);
+    }
 }
 
 impl Server {
@@ -79,126 +82,64 @@ impl Server {
         stops: impl Fn() -> bool,
     ) -> Result<Summary, C::Error> {
         let source_port = self.stream.local_addr().map_or(0, |address| address.port());
-        let shared = Shared {
-            device: Mutex::new(Device::new(sensor, *self.address.ip(), source_port)),
-            changed: Condvar::new(),
-            began: Instant::now(),
-            ends: AtomicBool::new(false),
-        };
-        let shared = &shared;
+        let running = &Running::new(Device::new(sensor, *self.address.ip(), source_port));
         std::thread::scope(|scope| {
-            scope.spawn(|| shared.answer(&self.control, &self.control));
+            scope.spawn(|| answer(running, &self.control, &self.control));
             if let Some(broadcast) = &self.broadcast {
-                scope.spawn(move || shared.answer(broadcast, &self.control));
+                scope.spawn(move || answer(running, broadcast, &self.control));
             }
-            scope.spawn(|| shared.send(&self.stream));
-            shared.take_frames(camera, stops)
+            scope.spawn(|| send(running, &self.stream));
+            running.take_frames(camera, stops)
         })?;
-        let counts = shared.device().counts();
+        let counts = running.device().counts();
         Ok(counts)
     }
 }
 
-/// Held by each thread: with the first that returns or panics, all end.
-struct Ending<'a>(&'a Shared);
-
-impl Drop for Ending<'_> {
-    fn drop(&mut self) {
-        self.0.ends.store(true, Ordering::Release);
-        self.0.changed.notify_all();
+/// Answers what arrives at a socket. What is sent to everybody comes from other machines, too,
+/// and may only ask who is there.
+fn answer(running: &Running<Device>, socket: &UdpSocket, answers: &UdpSocket) {
+    let _ending = running.ending();
+    let is_for_all = !std::ptr::eq(socket, answers);
+    let mut datagram = [0; MAX_DATAGRAM];
+    while !running.has_ended() {
+        let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut datagram) else {
+            continue;
+        };
+        let datagram = &datagram[..length];
+        let asks = |request: Request<'_>| request.command == Command::Discovery;
+        if is_for_all && !Request::parse(datagram).is_some_and(asks) {
+            continue;
+        }
+        let answer = running.device().receive(running.now(), from, datagram);
+        running.tell();
+        if let Some(answer) = answer {
+            // An application that cannot be reached asks again.
+            let _ = answers.send_to(&answer, from);
+        }
     }
 }
 
-impl Shared {
-    fn device(&self) -> MutexGuard<'_, Device> {
-        // With a thread that panicked the server ends.
-        self.device.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn now(&self) -> Duration {
-        self.began.elapsed()
-    }
-
-    fn has_ended(&self) -> bool {
-        self.ends.load(Ordering::Acquire)
-    }
-
-    /// Waits until something changes, or until a time; at most [`LOOK`].
-    fn wait(&self, device: MutexGuard<'_, Device>, until: Option<Duration>) {
-        let wait = until.map_or(LOOK, |until| until.saturating_sub(self.now()).min(LOOK));
-        drop(self.changed.wait_timeout(device, wait));
-    }
-
-    /// Answers what arrives at a socket. What is sent to everybody comes from other machines, too,
-    /// and may only ask who is there.
-    fn answer(&self, socket: &UdpSocket, answers: &UdpSocket) {
-        let _ending = Ending(self);
-        let is_for_all = !std::ptr::eq(socket, answers);
-        let mut datagram = [0; MAX_DATAGRAM];
-        while !self.has_ended() {
-            let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut datagram) else {
-                continue;
-            };
-            let datagram = &datagram[..length];
-            let asks = |request: Request<'_>| request.command == Command::Discovery;
-            if is_for_all && !Request::parse(datagram).is_some_and(asks) {
-                continue;
+/// Sends the stream.
+fn send(running: &Running<Device>, socket: &UdpSocket) {
+    let _ending = running.ending();
+    let mut packet = Vec::new();
+    while !running.has_ended() {
+        let mut device = running.device();
+        match device.next(running.now(), &mut packet) {
+            Next::Packet { to, ends_block } => {
+                drop(device);
+                if ends_block {
+                    running.tell();
+                }
+                // What is lost is asked for again.
+                let _ = socket.send_to(&packet, to);
             }
-            let answer = self.device().receive(self.now(), from, datagram);
-            self.changed.notify_all();
-            if let Some(answer) = answer {
-                // An application that cannot be reached asks again.
-                let _ = answers.send_to(&answer, from);
+            Next::Wait(Some(until)) if until.saturating_sub(running.now()) < SPIN => {
+                drop(device);
+                std::hint::spin_loop();
             }
+            Next::Wait(until) => running.wait(device, until.map(|until| until - SPIN)),
         }
-    }
-
-    /// Sends the stream.
-    fn send(&self, socket: &UdpSocket) {
-        let _ending = Ending(self);
-        let mut packet = Vec::new();
-        while !self.has_ended() {
-            let mut device = self.device();
-            match device.next(self.now(), &mut packet) {
-                Next::Packet { to, ends_block } => {
-                    drop(device);
-                    if ends_block {
-                        self.changed.notify_all();
-                    }
-                    // What is lost is asked for again.
-                    let _ = socket.send_to(&packet, to);
-                }
-                Next::Wait(Some(until)) if until.saturating_sub(self.now()) < SPIN => {
-                    drop(device);
-                    std::hint::spin_loop();
-                }
-                Next::Wait(until) => self.wait(device, until.map(|until| until - SPIN)),
-            }
-        }
-    }
-
-    /// Takes frames as the device orders them.
-    fn take_frames<C: Camera>(
-        &self,
-        camera: &mut C,
-        stops: impl Fn() -> bool,
-    ) -> Result<(), C::Error> {
-        let _ending = Ending(self);
-        while !stops() && !self.has_ended() {
-            let mut device = self.device();
-            match device.order(self.now()) {
-                Some(order) => {
-                    drop(device);
-                    let taken: Taken = camera.take(&order)?;
-                    self.device().deliver(taken);
-                    self.changed.notify_all();
-                }
-                None => {
-                    let until = device.next_order().filter(|due| *due > self.now());
-                    self.wait(device, until);
-                }
-            }
-        }
-        Ok(())
     }
 }

@@ -139,6 +139,11 @@ impl Sensor {
         Some(frame)
     }
 
+    /// Lets frames go by that nobody takes: all that was written acts in the next one.
+    pub fn settle(&mut self) {
+        self.begun.clear();
+    }
+
     /// Registers in force in the frame that has begun, of those with this delay.
     fn in_force(&self, delay: u32) -> &Memory {
         let frames_ago =
@@ -201,12 +206,19 @@ impl Sensor {
         if is_locked || self.identity.contains_key(&address) {
             return;
         }
+        let was_held = profile.is(&profile.state.holds, &self.written);
         self.written.insert(address, value);
-        if profile.is(&profile.state.resets, &self.written) {
+        let is_reset = profile.is(&profile.state.resets, &self.written);
+        if is_reset {
             self.written = self.power_on.clone();
         }
         if !profile.is(&profile.state.holds, &self.written) {
-            self.released = self.written.clone();
+            // The whole only where more than this register changes: messages have many.
+            if was_held || is_reset {
+                self.released = self.written.clone();
+            } else {
+                self.released.insert(address, value);
+            }
         }
         if !self.is_streaming() {
             self.begun.clear();

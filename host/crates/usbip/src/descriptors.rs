@@ -1,11 +1,8 @@
 //! What the device says of itself: descriptors of USB 2.0 and of the USB Video Class 1.0.
 
-use crate::protocol::BUS_ID;
+use crate::protocol::{ADAPTER_BUS_ID, BUS_ID, Submit};
 use camrig_gige::{Pattern, Sensor};
 
-/// pid.codes' identifier for tests.
-const VENDOR: u16 = 0x1209;
-const PRODUCT: u16 = 0x0001;
 /// High speed, in USB/IP's numbers; its bulk packets, bytes.
 const HIGH_SPEED: u32 = 3;
 const BULK_PACKET: u16 = 512;
@@ -13,14 +10,49 @@ const BULK_PACKET: u16 = 512;
 const GUID_END: [u8; 12] = [0, 0, 0x10, 0, 0x80, 0, 0, 0xAA, 0, 0x38, 0x9B, 0x71];
 /// Video class; control and streaming interfaces.
 const VIDEO: u8 = 14;
-pub const INTERFACES: [[u8; 3]; 2] = [[VIDEO, 1, 0], [VIDEO, 2, 0]];
-/// Class of a device whose interfaces belong together.
-const DEVICE_CLASS: [u8; 3] = [0xEF, 2, 1];
+const INTERFACES: [[u8; 3]; 2] = [[VIDEO, 1, 0], [VIDEO, 2, 0]];
+/// Class of what follows no standard.
+const VENDOR_SPECIFIC: u8 = 0xFF;
+
+/// What a device is known by.
+#[derive(Debug)]
+pub struct Identity {
+    /// Its place on the bus.
+    pub bus_id: &'static str,
+    /// Its number on the bus.
+    number: u32,
+    vendor: u16,
+    product: u16,
+    /// Class, subclass and protocol; those of its interfaces.
+    class: [u8; 3],
+    interfaces: &'static [[u8; 3]],
+}
+
+/// The camera: pid.codes' identifier for tests, and the class of a device whose interfaces belong
+/// together.
+pub const CAMERA: Identity = Identity {
+    bus_id: BUS_ID,
+    number: 2,
+    vendor: 0x1209,
+    product: 0x0001,
+    class: [0xEF, 2, 1],
+    interfaces: &INTERFACES,
+};
+
+/// The adapter: the identifier by which Linux' i2c-tiny-usb knows it.
+pub const ADAPTER: Identity = Identity {
+    bus_id: ADAPTER_BUS_ID,
+    number: 3,
+    vendor: 0x0403,
+    product: 0xC631,
+    class: [0; 3],
+    interfaces: &[[VENDOR_SPECIFIC, 0, 0]],
+};
+
 /// Numbers of the camera terminal, the processing unit and the output terminal.
 pub const CAMERA_TERMINAL: u8 = 1;
 pub const PROCESSING_UNIT: u8 = 2;
 const OUTPUT_TERMINAL: u8 = 3;
-/// The streaming endpoint: number 1, to the host.
 /// The endpoint that images come from, to the host.
 pub const STREAM: u32 = 1;
 const STREAM_ENDPOINT: u8 = 0x80 | STREAM as u8;
@@ -68,47 +100,87 @@ pub struct Intervals {
     pub usual: u32,
 }
 
-/// The device descriptor.
-pub fn device() -> Vec<u8> {
-    let mut out = vec![18, 1, 0, 2];
-    out.extend(DEVICE_CLASS);
-    out.push(64);
-    out.extend(VENDOR.to_le_bytes());
-    out.extend(PRODUCT.to_le_bytes());
-    out.extend([0, 1, 1, 2, 3, 1]);
-    out
-}
-
 /// A text descriptor.
-pub fn text(of: &str) -> Vec<u8> {
+fn text(of: &str) -> Vec<u8> {
     let units = of.encode_utf16().take(126).flat_map(u16::to_le_bytes);
     let mut out: Vec<u8> = [0, 3].into_iter().chain(units).collect();
     out[0] = out.len() as u8;
     out
 }
 
-/// The device in USB/IP's lists.
-pub fn usbip() -> Vec<u8> {
-    let mut out = vec![0; 256 + 32];
-    out[..11].copy_from_slice(b"/sys/camrig");
-    out[256..256 + BUS_ID.len()].copy_from_slice(BUS_ID.as_bytes());
-    for word in [1, 2, HIGH_SPEED] {
-        out.extend(word.to_be_bytes());
+impl Identity {
+    /// The device descriptor.
+    pub fn descriptor(&self) -> Vec<u8> {
+        let mut out = vec![18, 1, 0, 2];
+        out.extend(self.class);
+        out.push(64);
+        out.extend(self.vendor.to_le_bytes());
+        out.extend(self.product.to_le_bytes());
+        out.extend([0, 1, 1, 2, 3, 1]);
+        out
     }
-    for word in [VENDOR, PRODUCT, 0x0100] {
-        out.extend(word.to_be_bytes());
+
+    /// The device as USB/IP describes it.
+    pub fn usbip(&self) -> Vec<u8> {
+        let mut out = vec![0; 256 + 32];
+        out[..11].copy_from_slice(b"/sys/camrig");
+        out[256..256 + self.bus_id.len()].copy_from_slice(self.bus_id.as_bytes());
+        for word in [1, self.number, HIGH_SPEED] {
+            out.extend(word.to_be_bytes());
+        }
+        for word in [self.vendor, self.product, 0x0100] {
+            out.extend(word.to_be_bytes());
+        }
+        out.extend(self.class);
+        out.extend([1, 1, self.interfaces.len() as u8]); // configurations
+        out
     }
-    out.extend(DEVICE_CLASS);
-    out.extend([1, 1, INTERFACES.len() as u8]); // configurations
-    out
+
+    /// The same with its interfaces, as lists have it.
+    pub fn listed(&self) -> Vec<u8> {
+        let interfaces = self.interfaces.iter();
+        let interfaces =
+            interfaces.flat_map(|[class, sub, protocol]| [*class, *sub, *protocol, 0]);
+        self.usbip().into_iter().chain(interfaces).collect()
+    }
+
+    /// Answers requests that all devices know (USB 2.0, 9.4); `None` refuses one.
+    pub fn answer(
+        &self,
+        submit: &Submit,
+        configuration: impl FnOnce() -> Vec<u8>,
+        [model, serial]: [&str; 2],
+    ) -> Option<Vec<u8>> {
+        let [kind, request, value_low, value_high, ..] = submit.setup;
+        Some(match (kind, request, value_high, value_low) {
+            (0x80, 6, 1, _) => self.descriptor(),
+            (0x80, 6, 2, 0) => configuration(),
+            (0x80, 6, 3, 0) => vec![4, 3, 9, 4], // English
+            (0x80, 6, 3, 1) => text("camrig"),
+            (0x80, 6, 3, 2) => text(model),
+            (0x80, 6, 3, 3) => text(serial),
+            // Status; configuration; alternate setting.
+            (0x80..=0x82, 0, ..) => vec![0, 0],
+            (0x80, 8, ..) => vec![1],
+            (0x81, 10, ..) => vec![0],
+            (0x00, 9, ..) | (0x01, 11, ..) | (0x00..=0x02, 1 | 3, ..) => vec![],
+            _ => return None,
+        })
+    }
 }
 
-/// The configuration descriptor with all that belongs to it.
-pub fn configuration(sensor: &Sensor, formats: &[PixelFormat], intervals: Intervals) -> Vec<u8> {
-    // Controls: exposure mode (bit 1) and absolute exposure time (bit 3).
-    let camera = [18, 0x24, 2, CAMERA_TERMINAL, 0x01, 0x02, 0, 0, 0, 0, 0, 0, 0, 0, 3, 0x0A, 0, 0];
-    // Gain (bit 9).
-    let processing = [11, 0x24, 5, PROCESSING_UNIT, CAMERA_TERMINAL, 0, 0, 2, 0x00, 0x02, 0];
+/// The camera's configuration descriptor with all that belongs to it.
+pub fn configuration(
+    sensor: &Sensor,
+    formats: &[PixelFormat],
+    intervals: Intervals,
+    has_controls: bool,
+) -> Vec<u8> {
+    // Controls: exposure mode (bit 1) and absolute exposure time (bit 3); gain (bit 9).
+    let [exposure, gain] = if has_controls { [0x0A, 0x02] } else { [0, 0] };
+    let camera =
+        [18, 0x24, 2, CAMERA_TERMINAL, 0x01, 0x02, 0, 0, 0, 0, 0, 0, 0, 0, 3, exposure, 0, 0];
+    let processing = [11, 0x24, 5, PROCESSING_UNIT, CAMERA_TERMINAL, 0, 0, 2, 0x00, gain, 0];
     let output = [9, 0x24, 3, OUTPUT_TERMINAL, 0x01, 0x01, 0, PROCESSING_UNIT, 0];
     let units = [&camera[..], &processing, &output].concat();
     // Version 1.0, a clock of 48 MHz that nobody uses, and the one streaming interface.
@@ -158,6 +230,11 @@ pub fn configuration(sensor: &Sensor, formats: &[PixelFormat], intervals: Interv
     out
 }
 
+/// The adapter's configuration descriptor: control transfers alone.
+pub fn adapter_configuration() -> Vec<u8> {
+    vec![9, 2, 18, 0, 1, 1, 0, 0x80, 50, 9, 4, 0, 0, 0, VENDOR_SPECIFIC, 0, 0, 0]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -182,7 +259,7 @@ mod tests {
     fn lengths_of_descriptors_add_up() {
         let sensor = sensor(Pattern::BayerRg, 10);
         let formats = PixelFormat::of_sensor(&sensor);
-        let all = configuration(&sensor, &formats, Intervals { min: 1, max: 9, usual: 5 });
+        let all = configuration(&sensor, &formats, Intervals { min: 1, max: 9, usual: 5 }, true);
         assert_eq!(usize::from(u16::from_le_bytes([all[2], all[3]])), all.len());
         let (mut at, mut kinds) = (0, Vec::new());
         while at < all.len() {
@@ -200,8 +277,10 @@ mod tests {
         ]
         .concat();
         assert_eq!(kinds, expected);
-        assert_eq!(device().len(), 18);
-        assert_eq!(usbip().len(), 0x138, "usbip_usb_device of Linux");
+        for identity in [CAMERA, ADAPTER] {
+            assert_eq!(identity.descriptor().len(), 18);
+            assert_eq!(identity.usbip().len(), 0x138, "usbip_usb_device of Linux");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@
 
 use crate::descriptors::{self, CAMERA_TERMINAL, Intervals, PROCESSING_UNIT, PixelFormat};
 use crate::protocol::{self, Request, Submit};
-use camrig_gige::{Order, Region, Sensor, Taken, Timing};
+use camrig_gige::{Order, Pace, Region, Sensor, Taken, Timing};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -64,6 +64,7 @@ struct Control {
 #[derive(Debug)]
 pub struct Device {
     sensor: Sensor,
+    has_controls: bool,
     formats: Vec<PixelFormat>,
     timing: Timing,
     probe: Streaming,
@@ -89,6 +90,7 @@ impl Device {
     pub fn new(sensor: Sensor) -> Self {
         let streaming = Streaming { format: 0, frame_lines: sensor.timing.frame_lines };
         Self {
+            has_controls: true,
             formats: PixelFormat::of_sensor(&sensor),
             timing: sensor.timing,
             probe: streaming,
@@ -105,6 +107,12 @@ impl Device {
             images: 0,
             sensor,
         }
+    }
+
+    /// The same without controls of exposure and gain, which something else sets.
+    #[must_use]
+    pub fn without_controls(self) -> Self {
+        Self { has_controls: false, ..self }
     }
 
     /// Images sent so far.
@@ -131,14 +139,8 @@ impl Device {
                 protocol::forgotten(*seq, was_waiting)
             }
             Request::Submit(submit) if submit.endpoint == 0 => {
-                match self.control(now, submit, data) {
-                    Some(mut answer) if submit.is_in => {
-                        answer.truncate(submit.length as usize);
-                        protocol::sent(submit.seq, &[&answer])
-                    }
-                    Some(_) => protocol::taken(submit.seq, submit.length),
-                    None => protocol::refused(submit.seq),
-                }
+                let answer = self.control(now, submit, data);
+                protocol::answered(submit, answer)
             }
             Request::Submit(submit)
                 if submit.is_in
@@ -153,13 +155,17 @@ impl Device {
     }
 
     /// The next frame to take, if it is time: to be delivered before there is another.
-    pub fn order(&mut self, now: Duration) -> Option<Order> {
+    pub fn order(&mut self, now: Duration, pace: Pace) -> Option<Order> {
         let is_free = !self.is_busy && self.payload.is_empty() && !self.waiting.is_empty();
         let stream = self.stream.as_mut().filter(|stream| is_free && now >= stream.due)?;
         let lines = u64::from(self.timing.in_force().frame_lines);
-        let period = Duration::from_nanos(lines * u64::from(self.sensor.line_ns));
+        let period = match pace {
+            Pace::AsOrdered => Duration::from_nanos(lines * u64::from(self.sensor.line_ns)),
+            Pace::Every(period) => period,
+            Pace::Standby => return None,
+        };
         // A frame that was late does not delay the next ones, but they do not pile up.
-        stream.due = (stream.due + period).max(now.saturating_sub(period));
+        stream.due = stream.due.saturating_add(period).max(now.saturating_sub(period));
         let after_standby = std::mem::take(&mut stream.is_first);
         let frame = self.next_frame;
         self.next_frame = frame.wrapping_add(1);
@@ -231,46 +237,32 @@ impl Device {
 
     /// Answers a control transfer; `None` refuses it.
     fn control(&mut self, now: Duration, submit: &Submit, data: &[u8]) -> Option<Vec<u8>> {
-        let [kind, request, value_low, value_high, index_low, index_high, ..] = submit.setup;
-        let mut answer = match (kind, request) {
-            (0x80, 6) => self.descriptor(value_high, value_low)?,
-            // Status; configuration; alternate setting.
-            (0x80..=0x82, 0) => vec![0, 0],
-            (0x80, 8) => vec![1],
-            (0x81, 10) => vec![0],
+        let [kind, request, _, value_high, index_low, index_high, ..] = submit.setup;
+        match (kind, request) {
             // The stream's endpoint is cleared when it ends.
             (0x02, 1) => {
                 self.stop();
-                vec![]
+                Some(vec![])
             }
-            (0x00, 9) | (0x01, 11) | (0x00..=0x02, 1 | 3) => vec![],
             (0x21, SET_CUR) if index_low == 1 => {
-                self.set_streaming(now, value_high, data).then(Vec::new)?
+                self.set_streaming(now, value_high, data).then(Vec::new)
             }
-            (0xA1, _) if index_low == 1 => self.streaming(request, value_high)?,
+            (0xA1, _) if index_low == 1 => self.streaming(request, value_high),
             (0x21, SET_CUR) if index_low == 0 => {
-                self.set_control(index_high, value_high, data).then(Vec::new)?
+                self.set_control(index_high, value_high, data).then(Vec::new)
             }
             (0xA1, _) if index_low == 0 => {
-                let control = self.control_of(index_high, value_high)?;
-                control.answer(request)?
+                self.control_of(index_high, value_high)?.answer(request)
             }
-            _ => return None,
-        };
-        answer.truncate(u16::from_le_bytes([submit.setup[6], submit.setup[7]]).into());
-        Some(answer)
-    }
-
-    fn descriptor(&self, kind: u8, index: u8) -> Option<Vec<u8>> {
-        Some(match (kind, index) {
-            (1, _) => descriptors::device(),
-            (2, 0) => descriptors::configuration(&self.sensor, &self.formats, self.intervals()),
-            (3, 0) => vec![4, 3, 9, 4], // English
-            (3, 1) => descriptors::text("camrig"),
-            (3, 2) => descriptors::text(&self.sensor.model),
-            (3, 3) => descriptors::text(&self.sensor.serial),
-            _ => return None,
-        })
+            _ => {
+                let configuration = || {
+                    let (sensor, intervals) = (&self.sensor, self.intervals());
+                    descriptors::configuration(sensor, &self.formats, intervals, self.has_controls)
+                };
+                let texts = [&self.sensor.model[..], &self.sensor.serial];
+                descriptors::CAMERA.answer(submit, configuration, texts)
+            }
+        }
     }
 
     fn interval(&self, frame_lines: u16) -> u32 {
@@ -350,6 +342,7 @@ impl Device {
     fn control_of(&self, unit: u8, selector: u8) -> Option<Control> {
         let usual = self.sensor.timing;
         Some(match (unit, selector) {
+            _ if !self.has_controls => return None,
             (CAMERA_TERMINAL, EXPOSURE_MODE) => {
                 Control { now: MANUAL, min: MANUAL, max: MANUAL, usual: MANUAL, bytes: 1 }
             }

@@ -7,12 +7,17 @@
 //!
 //! Bayer and monochrome formats of 16 bits (at full scale) and 8 bits are offered, and of a sensor
 //! of 10 bits with RGGB filters those packed as MIPI packs them: uvcvideo knows no others.
+//!
+//! Beside the camera there may be an [`Adapter`] to an I2C bus, which Linux' i2c-tiny-usb drives:
+//! whatever implements [`embedded_hal::i2c::I2c`] is on it.
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+mod adapter;
 mod descriptors;
 mod device;
 pub mod protocol;
 mod serve;
 
+pub use adapter::Adapter;
 pub use device::Device;
 pub use serve::Server;

@@ -4,8 +4,10 @@
 pub const PORT: u16 = 3240;
 /// Bytes of a request's header once a device is attached; data to the device follows it.
 pub const HEADER_BYTES: usize = 48;
-/// The device's place on its bus.
+/// The place of the camera on its bus.
 pub const BUS_ID: &str = "1-1";
+/// The place of the I2C adapter beside it.
+pub const ADAPTER_BUS_ID: &str = "1-2";
 
 const VERSION: u16 = 0x0111;
 /// Codes of operations before a device is attached, in requests; answers have them without the
@@ -13,8 +15,8 @@ const VERSION: u16 = 0x0111;
 const LIST: u16 = 0x8005;
 const IMPORT: u16 = 0x8003;
 const BUS_ID_BYTES: usize = 32;
-/// Most data that a host may send to the device at once, bytes: it sends a few for each control.
-const MAX_OUT: u32 = 4096;
+/// Most data that a host may send to the device at once, bytes: control transfers have no more.
+const MAX_OUT: u32 = u16::MAX as u32;
 /// Isochronous packets of requests that are not isochronous.
 const NO_PACKETS: [u32; 2] = [0, u32::MAX];
 /// Linux' errors in answers.
@@ -47,10 +49,10 @@ impl Operation {
         }
     }
 
-    /// Whether the body of an import names this device.
-    pub fn names_the_device(body: &[u8; Self::BODY]) -> bool {
+    /// The place on the bus that the body of an import names.
+    pub fn bus_id(body: &[u8; Self::BODY]) -> &[u8] {
         let end = body.iter().position(|byte| *byte == 0).unwrap_or(body.len());
-        &body[..end] == BUS_ID.as_bytes()
+        &body[..end]
     }
 }
 
@@ -70,13 +72,9 @@ fn answer(code: u16, status: u32) -> Vec<u8> {
     out
 }
 
-/// Answer to [`Operation::List`]: one device, and class, subclass and protocol of its interfaces.
-pub fn listed(device: &[u8], interfaces: &[[u8; 3]]) -> Vec<u8> {
-    let mut out = answer(LIST, 0);
-    out.extend(1u32.to_be_bytes());
-    out.extend(device);
-    out.extend(interfaces.iter().flat_map(|[class, sub, protocol]| [*class, *sub, *protocol, 0]));
-    out
+/// Answer to [`Operation::List`]: devices with their interfaces.
+pub fn listed(devices: &[Vec<u8>]) -> Vec<u8> {
+    [&answer(LIST, 0), &(devices.len() as u32).to_be_bytes()[..], &devices.concat()].concat()
 }
 
 /// Answer to [`Operation::Import`].
@@ -116,6 +114,13 @@ pub struct Submit {
     pub setup: [u8; 8],
 }
 
+impl Submit {
+    /// Bytes of data that the set-up packet of a control transfer asks for or announces.
+    pub fn asked(&self) -> u16 {
+        u16::from_le_bytes([self.setup[6], self.setup[7]])
+    }
+}
+
 impl Request {
     /// Reads a header; `None` if it does not follow the protocol, or asks for what this device does
     /// not have (isochronous transfers, more data than any control takes).
@@ -150,6 +155,18 @@ fn header(words: [u32; 7]) -> Vec<u8> {
     let mut out: Vec<u8> = words.into_iter().flat_map(u32::to_be_bytes).collect();
     out.resize(HEADER_BYTES, 0);
     out
+}
+
+/// The end of a control transfer with its answer; without one the device refuses it.
+pub fn answered(submit: &Submit, answer: Option<Vec<u8>>) -> Vec<u8> {
+    match answer {
+        Some(mut answer) if submit.is_in => {
+            answer.truncate((submit.length as usize).min(submit.asked().into()));
+            sent(submit.seq, &[&answer])
+        }
+        Some(_) => taken(submit.seq, submit.length),
+        None => refused(submit.seq),
+    }
 }
 
 /// The end of a transfer from the device.
@@ -195,9 +212,9 @@ mod tests {
         let setup = [0x80, 6, 0, 1, 0, 0, 18, 0];
         let submit = Submit { seq: 7, is_in: true, endpoint: 1, length: 0x4000, setup };
         assert_eq!(Request::parse(&bytes), Some(Request::Submit(submit)));
-        bytes[15] = 0;
-        assert_eq!(Request::parse(&bytes), None, "16 KiB to a device that takes none");
-        bytes[26] = 0;
+        (bytes[15], bytes[25]) = (0, 1);
+        assert_eq!(Request::parse(&bytes), None, "80 KiB in a control transfer");
+        (bytes[25], bytes[26]) = (0, 0);
         assert_eq!(Request::parse(&bytes).map(|r| r.body_bytes()), Some(0));
         bytes[32..36].copy_from_slice(&8u32.to_be_bytes());
         assert_eq!(Request::parse(&bytes), None, "isochronous");

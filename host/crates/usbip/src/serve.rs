@@ -1,45 +1,77 @@
-//! A device on TCP: its connections, its clock, and the camera in the calling thread.
+//! Devices on TCP: their connections, their clock, and the camera in the calling thread.
 //!
-//! One host at a time has the device, until it closes the connection; others are told that it is
+//! One host at a time has a device, until it closes the connection; others are told that it is
 //! busy, and may ask what there is. A connection that asks for nothing is closed after
 //! [`TO_ASK`]; a host that does not take what it asked for, after [`TO_TAKE`].
 
-use crate::descriptors;
+use crate::adapter::Adapter;
+use crate::descriptors::{ADAPTER, CAMERA, Identity};
 use crate::device::Device;
 use crate::protocol::{self, HEADER_BYTES, Operation, Refusal, Request};
-use camrig_gige::{Camera, Sensor, Taken};
+use camrig_gige::running::{LOOK, Orders, Running};
+use camrig_gige::{Camera, Order, Sensor, Taken};
+use embedded_hal::i2c::I2c;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, SocketAddrV4, TcpListener, TcpStream};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest wait of any thread, after which it looks whether the server ends.
-const LOOK: Duration = Duration::from_millis(50);
 /// Longest wait for a connection's first request, and for a host that takes data.
 const TO_ASK: Duration = Duration::from_secs(5);
 const TO_TAKE: Duration = Duration::from_secs(5);
 /// Most connections at once.
 const MAX_CONNECTIONS: usize = 16;
 
-/// A device whose port is open.
+/// Devices whose port is open.
 #[derive(Debug)]
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
 }
 
-/// The device and the host that has it: what is sent follows the order of what changes.
-struct Attachment {
-    device: Device,
+/// A device that hosts attach.
+trait Attachable {
+    const IDENTITY: Identity;
+
+    /// Takes a request with the data that follow it, and returns the answers.
+    fn receive(&mut self, now: Duration, request: &Request, data: &[u8]) -> Vec<u8>;
+
+    /// The host has gone.
+    fn detach(&mut self);
+}
+
+impl Attachable for Device {
+    const IDENTITY: Identity = CAMERA;
+
+    fn receive(&mut self, now: Duration, request: &Request, data: &[u8]) -> Vec<u8> {
+        Self::receive(self, now, request, data)
+    }
+
+    fn detach(&mut self) {
+        Self::detach(self);
+    }
+}
+
+impl<B: I2c> Attachable for Adapter<'_, B> {
+    const IDENTITY: Identity = ADAPTER;
+
+    fn receive(&mut self, _: Duration, request: &Request, data: &[u8]) -> Vec<u8> {
+        Self::receive(self, request, data)
+    }
+
+    fn detach(&mut self) {}
+}
+
+/// A device and the host that has it: what is sent follows the order of what changes.
+struct Attachment<D> {
+    device: D,
     host: Option<TcpStream>,
 }
 
-struct Shared {
-    attachment: Mutex<Attachment>,
-    changed: Condvar,
-    began: Instant,
-    ends: AtomicBool,
+struct Shared<'a, B> {
+    camera: Running<Attachment<Device>>,
+    adapter: Option<Running<Attachment<Adapter<'a, B>>>>,
     connections: AtomicUsize,
 }
 
@@ -61,28 +93,30 @@ impl Server {
     }
 
     /// Serves hosts until `stops`, with the camera in this thread; returns how many images it has
-    /// sent.
+    /// sent. With a bus there is an I2C adapter beside the camera, whose exposure and gain are then
+    /// no controls of its own: sensors on the bus have them.
     ///
     /// # Errors
     /// Those of the camera.
-    pub fn run<C: Camera>(
+    pub fn run<C: Camera, B: I2c + Send>(
         &self,
         sensor: Sensor,
         camera: &mut C,
+        bus: Option<&Mutex<B>>,
         stops: impl Fn() -> bool,
     ) -> Result<u64, C::Error> {
-        let shared = Shared {
-            attachment: Mutex::new(Attachment { device: Device::new(sensor), host: None }),
-            changed: Condvar::new(),
-            began: Instant::now(),
-            ends: AtomicBool::new(false),
+        let adapter = bus.map(|bus| Adapter::new(bus, &sensor.serial));
+        let device = Device::new(sensor);
+        let device = if bus.is_some() { device.without_controls() } else { device };
+        let shared = &Shared {
+            camera: Attachment::running(device),
+            adapter: adapter.map(Attachment::running),
             connections: AtomicUsize::new(0),
         };
-        let shared = &shared;
         std::thread::scope(|scope| {
             scope.spawn(move || {
-                let _ending = Ending(shared);
-                while !shared.has_ended() {
+                let _ending = shared.camera.ending();
+                while !shared.camera.has_ended() {
                     let Ok((stream, _)) = self.listener.accept() else {
                         std::thread::sleep(LOOK);
                         continue;
@@ -98,35 +132,30 @@ impl Server {
                     }
                 }
             });
-            shared.take_frames(camera, stops)
+            shared.camera.take_frames(camera, stops)
         })?;
-        let images = shared.lock().device.images();
+        let images = shared.camera.device().device.images();
         Ok(images)
     }
 }
 
-/// Held by the threads that the server cannot do without: with the first that ends, all do.
-struct Ending<'a>(&'a Shared);
+/// Held by the connection that has a device.
+struct Attached<'a, D: Attachable>(&'a Running<Attachment<D>>);
 
-impl Drop for Ending<'_> {
+impl<D: Attachable> Drop for Attached<'_, D> {
     fn drop(&mut self) {
-        self.0.ends.store(true, Ordering::Release);
-        self.0.changed.notify_all();
-    }
-}
-
-/// Held by the connection that has the device.
-struct Attached<'a>(&'a Shared);
-
-impl Drop for Attached<'_> {
-    fn drop(&mut self) {
-        let mut attachment = self.0.lock();
+        let mut attachment = self.0.device();
         attachment.host = None;
         attachment.device.detach();
     }
 }
 
-impl Attachment {
+impl<D> Attachment<D> {
+    /// A device that no host has.
+    fn running(device: D) -> Running<Self> {
+        Running::new(Self { device, host: None })
+    }
+
     /// Sends to the host, who is given up if it does not take all of it in time.
     fn send(&mut self, bytes: &[u8]) {
         let Some(host) = &mut self.host else { return };
@@ -134,6 +163,21 @@ impl Attachment {
             // The thread that reads from it notices.
             let _ = host.shutdown(Shutdown::Both);
         }
+    }
+}
+
+impl Orders for Attachment<Device> {
+    fn order<C: Camera>(&mut self, now: Duration, camera: &mut C) -> Option<Order> {
+        self.device.order(now, camera.pace())
+    }
+
+    fn next_order(&self) -> Option<Duration> {
+        self.device.next_order()
+    }
+
+    fn deliver(&mut self, taken: Taken) {
+        let packets = self.device.deliver(taken);
+        self.send(&packets);
     }
 }
 
@@ -156,20 +200,7 @@ fn write(to: &mut TcpStream, mut bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Attachment> {
-        // With a thread that panicked the server ends.
-        self.attachment.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn now(&self) -> Duration {
-        self.began.elapsed()
-    }
-
-    fn has_ended(&self) -> bool {
-        self.ends.load(Ordering::Acquire)
-    }
-
+impl<B: I2c + Send> Shared<'_, B> {
     /// Fills a buffer, within a time if one is given.
     fn read(
         &self,
@@ -189,7 +220,7 @@ impl Shared {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
                 Err(e) => return Err(e),
             }
-            if self.has_ended() || within.is_some_and(|within| began.elapsed() > within) {
+            if self.camera.has_ended() || within.is_some_and(|within| began.elapsed() > within) {
                 return Err(io::ErrorKind::TimedOut.into());
             }
         }
@@ -204,73 +235,55 @@ impl Shared {
         stream.set_write_timeout(Some(LOOK))?;
         let mut header = [0; Operation::HEADER];
         self.read(&mut stream, &mut header, Some(TO_ASK))?;
-        let device = descriptors::usbip();
         match Operation::parse(header) {
             Some(Operation::List) => {
-                stream.write_all(&protocol::listed(&device, &descriptors::INTERFACES))
+                let adapter = self.adapter.as_ref().map(|_| ADAPTER.listed());
+                let devices: Vec<_> = [CAMERA.listed()].into_iter().chain(adapter).collect();
+                stream.write_all(&protocol::listed(&devices))
             }
             Some(Operation::Import) => {
                 let mut name = [0; Operation::BODY];
                 self.read(&mut stream, &mut name, Some(TO_ASK))?;
-                if !Operation::names_the_device(&name) {
-                    return stream.write_all(&protocol::imported(Err(Refusal::Unknown)));
+                let name = Operation::bus_id(&name);
+                match &self.adapter {
+                    _ if name == CAMERA.bus_id.as_bytes() => self.attach(&self.camera, stream),
+                    Some(adapter) if name == ADAPTER.bus_id.as_bytes() => {
+                        self.attach(adapter, stream)
+                    }
+                    _ => stream.write_all(&protocol::imported(Err(Refusal::Unknown))),
                 }
-                let mut attachment = self.lock();
-                if attachment.host.is_some() {
-                    drop(attachment);
-                    return stream.write_all(&protocol::imported(Err(Refusal::Busy)));
-                }
-                attachment.host = Some(stream.try_clone()?);
-                let _attached = Attached(self);
-                attachment.send(&protocol::imported(Ok(&device)));
-                drop(attachment);
-                self.serve(&mut stream)
             }
             None => Ok(()),
         }
     }
 
-    /// Answers the host that has the device.
-    fn serve(&self, stream: &mut TcpStream) -> io::Result<()> {
+    /// Gives a device to a host, and answers it until it has gone.
+    fn attach<D: Attachable>(
+        &self,
+        running: &Running<Attachment<D>>,
+        mut stream: TcpStream,
+    ) -> io::Result<()> {
+        let mut attachment = running.device();
+        if attachment.host.is_some() {
+            drop(attachment);
+            return stream.write_all(&protocol::imported(Err(Refusal::Busy)));
+        }
+        attachment.host = Some(stream.try_clone()?);
+        let _attached = Attached(running);
+        attachment.send(&protocol::imported(Ok(&D::IDENTITY.usbip())));
+        drop(attachment);
         let mut header = [0; HEADER_BYTES];
         let mut data = Vec::new();
         loop {
-            self.read(stream, &mut header, None)?;
+            self.read(&mut stream, &mut header, None)?;
             let request = Request::parse(&header).ok_or(io::ErrorKind::InvalidData)?;
             data.resize(request.body_bytes(), 0);
-            self.read(stream, &mut data, Some(TO_TAKE))?;
-            let mut attachment = self.lock();
-            let answer = attachment.device.receive(self.now(), &request, &data);
+            self.read(&mut stream, &mut data, Some(TO_TAKE))?;
+            let mut attachment = running.device();
+            let answer = attachment.device.receive(running.now(), &request, &data);
             attachment.send(&answer);
             drop(attachment);
-            self.changed.notify_all();
+            self.camera.tell();
         }
-    }
-
-    /// Takes frames as the device orders them.
-    fn take_frames<C: Camera>(
-        &self,
-        camera: &mut C,
-        stops: impl Fn() -> bool,
-    ) -> Result<(), C::Error> {
-        let _ending = Ending(self);
-        while !stops() && !self.has_ended() {
-            let mut attachment = self.lock();
-            match attachment.device.order(self.now()) {
-                Some(order) => {
-                    drop(attachment);
-                    let taken: Taken = camera.take(&order)?;
-                    let mut attachment = self.lock();
-                    let packets = attachment.device.deliver(taken);
-                    attachment.send(&packets);
-                }
-                None => {
-                    let due = attachment.device.next_order().filter(|due| *due > self.now());
-                    let wait = due.map_or(LOOK, |due| due.saturating_sub(self.now()).min(LOOK));
-                    drop(self.changed.wait_timeout(attachment, wait));
-                }
-            }
-        }
-        Ok(())
     }
 }
