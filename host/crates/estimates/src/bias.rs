@@ -2,6 +2,7 @@
 //! shortest exposure, in which no charge is left to speak of.
 
 use super::robust::{Sorted, clip, clipped_mean, mad_sd, mean, trigamma, variance};
+use super::rows::RowSpectrum;
 use super::{Sites, Stack};
 use camrig_base::Value;
 use camrig_base::tails::{chi_square, median_of_squares};
@@ -31,6 +32,8 @@ pub struct Bias {
     pub opposite_row_variance: Value,
     /// Standard error of both row variances where there are none.
     pub row_variance_null: f64,
+    /// Power of the row means, DN².
+    pub row_spectrum: RowSpectrum,
     /// Variance of column offsets that change from frame to frame.
     pub column_variance: Value,
     /// Variance of frame offsets.
@@ -165,6 +168,13 @@ impl Temporal {
         [of(1.0), of(-1.0)]
     }
 
+    fn row_spectrum(&self, pixel_variance: f64, sites: Sites) -> RowSpectrum {
+        let frames = self.rows[0].iter().zip(&self.rows[1]);
+        let means = frames.map(|(a, b)| a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect());
+        let white = pixel_variance / self.width as f64;
+        RowSpectrum { white, ..RowSpectrum::of(means, sites.down) }
+    }
+
     fn column_variance(&self, pixel_variance: f64) -> Value {
         let scale = self.over_dof() / self.frames as f64;
         let of_column = |x: usize| {
@@ -201,6 +211,12 @@ impl Bias {
     /// How many frames the stack has.
     pub fn frames(&self) -> usize {
         self.frames
+    }
+
+    /// Temporal variance of a pixel whose noise stands out over that of the median one; 1 of others.
+    pub(crate) fn noise_over_ordinary(&self, pixel: usize) -> f64 {
+        let ratio = self.pixel_variance[pixel] / self.median_variance;
+        if chi_square(ratio, self.frames as f64 - 1.0) > NOISY { ratio } else { 1.0 }
     }
 
     /// Of a dark stack of two frames or more.
@@ -254,6 +270,7 @@ impl Bias {
             row_variance,
             opposite_row_variance,
             row_variance_null,
+            row_spectrum: temporal.row_spectrum(all_pixels.value, sites),
             column_variance: temporal.column_variance(clipped_variance),
             frame_variance,
             drift: slope(&frame_levels),

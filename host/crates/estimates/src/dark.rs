@@ -128,6 +128,12 @@ impl DarkCurrent {
         let Core { centre, sd: core } = Core::of(&sorted, step);
         let within = Core::of(&Sorted::new(above.iter().copied()), step).sd;
         let limit = HOT * core.value.max(own.sqrt());
+        // Pixels that blink are where they are by chance, to within their own noise.
+        for (p, above) in above.iter_mut().enumerate() {
+            if *above < HOT * (variances[p] * bias.noise_over_ordinary(p)).sqrt() {
+                *above = above.min(0.0);
+            }
+        }
         let hot_areas = hot_areas(&mut above, width, limit);
         let hot: Vec<f64> = above.iter().copied().filter(|r| *r > limit).collect();
         let pixels = rates.len() as f64;

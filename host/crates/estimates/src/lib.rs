@@ -16,6 +16,7 @@
 //! | [`robust`] | medians, clipping, quantiles with standard errors |
 //! | [`torn`] | frames whose lower rows are of another exposure |
 //! | [`bias`] | black level, read noise, noise of rows and frames, offset patterns |
+//! | [`rows`] | white and 1/f noise of rows |
 //! | [`areas`] | rows, parts of lines and clusters that stand out |
 //! | `transfer` | charge that a CCD leaves behind |
 //! | [`flat`] | flicker, gain, PRNU, defective columns and areas |
@@ -59,6 +60,7 @@ pub mod drift;
 pub mod flat;
 pub mod gains;
 pub mod robust;
+pub mod rows;
 pub mod stack;
 pub mod telegraph;
 pub mod torn;

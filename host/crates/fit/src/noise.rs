@@ -10,6 +10,7 @@ use camrig_estimates::bias::Bias;
 use camrig_estimates::converter::{Codes, KEYS, significant_errors};
 use camrig_estimates::flat::SQUARE;
 use camrig_estimates::robust::trigamma;
+use camrig_estimates::rows::RowNoise;
 
 /// Standard errors, and share of the read noise, from which an effect is written.
 const MIN_DEVIATION: f64 = 3.0;
@@ -114,8 +115,18 @@ impl Noise {
             part(&|g| (variance(&g.found.bias), g.found.bias.row_variance_null))
         };
         let opposite = of_rows(|bias| bias.opposite_row_variance);
+        let rows = of_rows(|bias| bias.row_variance);
+        // Where the gains differ, that of the lowest is written.
+        let alike = if rows.misfit.is_some() { 1 } else { gains.len() };
+        let spectra = gains.iter().zip(response).take(alike);
+        let spectra = spectra.map(|(g, k)| g.found.bias.row_spectrum.over(k.value.powi(2)));
+        let law = RowNoise::of(&spectra.collect::<Vec<_>>());
+        let of_law = |variance: Value| {
+            variance.sqrt().filter(|s| variance.z() > MIN_DEVIATION && s.value > least)
+        };
+        let law = law.and_then(|law| Some((law, of_law(law.correlated)?)));
         let parts: [(&str, Part); 6] = [
-            ("row-temporal-noise", of_rows(|bias| bias.row_variance)),
+            ("row-temporal-noise", rows),
             (
                 "column-temporal-noise",
                 part(&|g| (g.found.bias.column_variance, g.found.bias.column_variance.std_error)),
@@ -134,7 +145,11 @@ impl Noise {
             }),
         ];
         for (kind, part) in parts {
-            let sigma = stands_out(&part).map(|value| ("sigma_e", value));
+            let sigma = match law {
+                Some((law, _)) if kind == "row-temporal-noise" => of_law(law.white),
+                _ => stands_out(&part),
+            };
+            let sigma = sigma.map(|value| ("sigma_e", value));
             let parameters: Vec<_> = match kind {
                 "row-temporal-noise" => {
                     let opposite = stands_out(&opposite).map(|value| ("opposite_e", value));
@@ -146,6 +161,9 @@ impl Noise {
             if !parameters.is_empty() {
                 self.effects.push(Effect { kind, parameters, misfit: part.misfit });
             }
+        }
+        if let Some((law, sigma)) = law {
+            self.add("row-correlated-noise", vec![("sigma_e", sigma), ("exponent", law.exponent)]);
         }
         let rows = pattern(&|g| (g.found.bias.pattern.rows, g.found.bias.pattern.line_nulls[1]));
         self.rows = stands_out(&rows).or(Some(Value::new(0.0, rows.null.sqrt())));

@@ -8,6 +8,7 @@ use camrig_captures::{CaptureSet, Role};
 use camrig_clean::{Cleaned, Done, Kind};
 use camrig_estimates::blinking::Blinking;
 use camrig_estimates::robust::{mean, variance};
+use camrig_estimates::rows::RowNoise;
 use camrig_estimates::{Estimates, Sites, Stack, estimate};
 use camrig_measure::ladder::{Selection, photons};
 use camrig_measure::moments::SATURATED_SHARE;
@@ -266,7 +267,8 @@ fn at_gain(
     let digital = digital(set, cleaned, gain);
     let blinking = shortest.and_then(Blinking::of);
     let darks: Vec<&Stack> = stacks.iter().filter(|s| s.role == Role::Dark).collect();
-    let wave = waves::strongest(&darks, sites);
+    let rows = RowNoise::of(std::slice::from_ref(&found.bias.row_spectrum));
+    let wave = waves::strongest(&darks, sites, rows.as_ref());
     let white = facts.white_level_dn;
     let level = |f: &&FlatStack| {
         let sites = &found.flats[f.index].sites;

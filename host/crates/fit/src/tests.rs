@@ -82,6 +82,20 @@ fn check(fitted: &Fitted, wrong: &mut Vec<String>, path: &str, truth: f64, part:
     }
 }
 
+/// A colour sensor.
+const COLOUR: [&str; 10] = [
+    "sensor.width=192",
+    "sensor.height=128",
+    "sensor.cfa=RGGB",
+    "sensor.full_well_e=11000",
+    "sensor.black_level_dn=64",
+    "sensor.noise.read_e=5",
+    "sensor.noise.prnu=0.008",
+    "sensor.noise.dark_current_e_per_s=40",
+    "sensor.noise.dsnu_e_per_s=15",
+    "sensor.noise.row_fpn_e=0",
+];
+
 const COLOUR_PLAN: &str = "
 [[stack]]
 id = \"dark-short\"
@@ -113,21 +127,8 @@ fn a_colour_sensor_comes_back_and_its_file_passes() {
     for seed in [11, 12] {
         let seed = format!("sensor.seed={seed}");
         let truth = camera(
-            &[
-                "sensor.width=192",
-                "sensor.height=128",
-                "sensor.cfa=RGGB",
-                "sensor.full_well_e=11000",
-                "sensor.black_level_dn=64",
-                "sensor.qe_peak=0.7",
-                "sensor.noise.read_e=5.0",
-                "sensor.noise.read_e_post=4.2",
-                "sensor.noise.dark_current_e_per_s=40",
-                "sensor.noise.dsnu_e_per_s=15",
-                "sensor.noise.prnu=0.008",
-                "sensor.noise.row_fpn_e=0",
-                &seed,
-            ],
+            &[&COLOUR[..], &["sensor.qe_peak=0.7", "sensor.noise.read_e_post=4.2", &seed]]
+                .concat(),
             "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 1.2\n\
              [[effect]]\nkind = \"column-offset-fpn\"\nsigma_e = 1.5\n\
              [[effect]]\nkind = \"nonlinearity\"\nloss = 0.02\nexponent = 1.0\n",
@@ -298,21 +299,7 @@ fn a_set_without_darks_is_refused() {
 /// dark current as with flats.
 #[test]
 fn a_static_scene_tells_the_gain_without_flats() {
-    let truth = camera(
-        &[
-            "sensor.width=192",
-            "sensor.height=128",
-            "sensor.cfa=RGGB",
-            "sensor.full_well_e=11000",
-            "sensor.black_level_dn=64",
-            "sensor.noise.read_e=5",
-            "sensor.noise.prnu=0.008",
-            "sensor.noise.dark_current_e_per_s=40",
-            "sensor.noise.dsnu_e_per_s=15",
-            "sensor.noise.row_fpn_e=0",
-        ],
-        "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 1.2\n",
-    );
+    let truth = camera(&COLOUR, "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 1.2\n");
     let dark = |id: &str, exposure: f64| {
         format!(
             "[[stack]]\nid = \"{id}\"\nrole = \"dark\"\nframes = 16\nexposure_s = {exposure}\n"
@@ -419,4 +406,71 @@ fn all_that_stands_out_is_in_the_file() {
         wrong.push(format!("gap {gap} of its limit"));
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// 1/f noise of rows beside white noise of rows: both, and no wave.
+#[test]
+fn noise_of_rows_that_falls_with_frequency_is_in_the_file() {
+    let truth = camera(
+        &[
+            "sensor.width=192",
+            "sensor.height=128",
+            "sensor.cfa=RGGB",
+            "sensor.full_well_e=10000",
+            "sensor.black_level_dn=64",
+            "sensor.noise.read_e=4",
+            "sensor.noise.read_e_post=3",
+            "sensor.noise.prnu=0.006",
+            "sensor.noise.dark_current_e_per_s=0",
+            "sensor.noise.dsnu_e_per_s=0",
+            "sensor.noise.row_fpn_e=0",
+            "sensor.seed=41",
+        ],
+        "\n[[effect]]\nkind = \"row-temporal-noise\"\nsigma_e = 0.9\n\
+         [[effect]]\nkind = \"row-correlated-noise\"\nsigma_e = 1.0\nexponent = 1.0\n",
+    );
+    let taken = taken(&truth, &mono_plan("[1, 4]"));
+    let (fitted, camera) = taken.fitted(&Options::default());
+    let mut wrong = Vec::new();
+    for (path, truth, part) in [
+        ("effect.row-temporal-noise.sigma_e", 0.9, 0.1),
+        ("effect.row-correlated-noise.sigma_e", 1.0, 0.1),
+        ("effect.row-correlated-noise.exponent", 1.0, 0.2),
+        ("sensor.noise.read_e", 4.0, 0.01),
+    ] {
+        check(&fitted, &mut wrong, path, truth, part);
+    }
+    let kinds: Vec<&str> = camera.effects.iter().map(|e| e.entry().kind).collect();
+    if kinds.len() != 2 {
+        wrong.push(format!("effects {kinds:?}"));
+    }
+    let gap = taken.gap(&camera);
+    if gap > 1.0 {
+        wrong.push(format!("gap {gap} of its limit"));
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}\n{}", fitted.draft.text());
+}
+
+/// Pixels that blink far are no hot ones.
+#[test]
+fn strong_telegraph_noise_makes_no_hot_pixels() {
+    let truth = camera(
+        &[
+            "sensor.width=160",
+            "sensor.height=128",
+            "sensor.cfa=mono",
+            "sensor.full_well_e=10000",
+            "sensor.black_level_dn=100",
+            "sensor.noise.read_e=2",
+            "sensor.noise.dark_current_e_per_s=2",
+            "sensor.noise.dsnu_e_per_s=0.5",
+            "sensor.noise.row_fpn_e=0",
+        ],
+        "\n[[effect]]\nkind = \"random-telegraph-noise\"\nfraction = 0.05\namplitude_e = 20.0\n\
+         renewal = 1.0\n",
+    );
+    let (fitted, camera) = taken(&truth, &mono_plan("[1]")).fitted(&Options::default());
+    let kinds: Vec<&str> = camera.effects.iter().map(|e| e.entry().kind).collect();
+    assert!(kinds.contains(&"random-telegraph-noise"), "{}", fitted.draft.text());
+    assert!(!kinds.contains(&"hot-pixels"), "{}", fitted.draft.text());
 }

@@ -2,8 +2,8 @@
 //!
 //! Of the power spectrum of the frames less their mean, over both frequencies, a bin stands out
 //! where its power P is above the medians P₀ of the bins beside it in its row and in its column of
-//! the spectrum, so that noise which rows or columns share is none, whatever its spectrum; nor are
-//! offsets of sites. The wave's distance from the higher of two bins is d = √P₁/(√P + √P₁), P₁ the
+//! the spectrum, so that noise which rows or columns share is none; nor are offsets of sites. Power
+//! of 1/f noise of rows, which falls faster than the bins beside one show, is in P₀ too. The wave's distance from the higher of two bins is d = √P₁/(√P + √P₁), P₁ the
 //! power of the other. Of frames of N pixels with the Fourier coefficients F at its frequencies its
 //! amplitude A has
 //!
@@ -14,6 +14,7 @@
 use camrig_base::Value;
 use camrig_base::tails::{chi_square, median_of_squares};
 use camrig_estimates::robust::median;
+use camrig_estimates::rows::RowNoise;
 use camrig_estimates::{Sites, Stack};
 use camrig_statistics::numerics::spectrum::Spectrum2;
 use std::f64::consts::TAU;
@@ -35,9 +36,10 @@ pub struct Wave {
     pub cycles: [f64; 2],
 }
 
-/// The strongest wave of dark stacks of one gain; none where nothing stands out.
-pub fn strongest(darks: &[&Stack], sites: Sites) -> Option<Wave> {
-    let power = Power::of(darks, darks.first()?.size(), sites);
+/// The strongest wave of dark stacks of one gain, beside this noise of rows in DN; none where
+/// nothing stands out.
+pub fn strongest(darks: &[&Stack], sites: Sites, rows: Option<&RowNoise>) -> Option<Wave> {
+    let power = Power::of(darks, darks.first()?.size(), sites, rows);
     let (bin, z) = power.highest();
     (z > MIN_DEVIATION).then(|| power.wave(bin, darks, sites))
 }
@@ -96,7 +98,12 @@ struct Power {
 }
 
 impl Power {
-    fn of(darks: &[&Stack], (width, height): (usize, usize), sites: Sites) -> Self {
+    fn of(
+        darks: &[&Stack],
+        (width, height): (usize, usize),
+        sites: Sites,
+        rows: Option<&RowNoise>,
+    ) -> Self {
         let half = width / 2 + 1;
         let mut power = vec![0.0f32; half * height];
         let mut spectrum = Spectrum2::new(width, height);
@@ -109,8 +116,15 @@ impl Power {
         let mut all = Self { width, height, count, power, white: Vec::new() };
         let to_mean = median_of_squares(2.0 * count).recip();
         let white = |i: usize| all.beside([(i % half) as isize, (i / half) as isize]) * to_mean;
-        let white = (0..all.power.len()).map(white).collect();
-        all.white = white;
+        all.white = (0..all.power.len()).map(white).collect();
+        // What is the same in all columns is in the first of each row of bins.
+        let of_rows = rows.map_or(Vec::new(), |rows| rows.power(height / 2));
+        for (bin, of_rows) in (1..=height / 2).zip(of_rows) {
+            for l in [bin, height - bin] {
+                let white = &mut all.white[l * half];
+                *white = white.max(of_rows * width as f64);
+            }
+        }
         all
     }
 
@@ -241,7 +255,7 @@ mod tests {
     #[test]
     fn amplitude_and_frequencies_come_back() {
         for cycles in [[0.25, 0.125], [0.5, 0.5], [0.2537, -0.1131], [0.013, 0.33]] {
-            let wave = strongest(&[&dark(0.8, cycles)], MONO).unwrap();
+            let wave = strongest(&[&dark(0.8, cycles)], MONO, None).unwrap();
             println!("{cycles:?} {wave:?}");
             let off = wave.cycles.iter().zip(cycles).zip([128.0, 96.0]);
             let bins = off.map(|((a, b), n)| (a - b).abs() * n).fold(0.0, f64::max);
@@ -254,6 +268,6 @@ mod tests {
 
     #[test]
     fn noise_of_rows_is_no_wave() {
-        assert!(strongest(&[&dark(0.0, [0.0, 0.0])], MONO).is_none());
+        assert!(strongest(&[&dark(0.0, [0.0, 0.0])], MONO, None).is_none());
     }
 }
