@@ -157,12 +157,21 @@ fn largest(deviations: impl Iterator<Item = f64>) -> f64 {
     most.signum() * tails::largest(most.abs(), count).max(0.0)
 }
 
-/// Whether places differ from the mean of all otherwise than in the model.
+/// Whether places differ from the mean of all otherwise than in the model: χ² of the differences
+/// about their mean, as a normal deviate.
 fn by_site(data: &[Value], model: &[Value]) -> f64 {
-    let mean = |of: &[Value]| of.iter().map(|v| v.value).sum::<f64>() / of.len().max(1) as f64;
-    let (d, m) = (mean(data), mean(model));
-    let less = |v: Value, mean: f64| Value::new(v.value - mean, v.std_error);
-    largest(data.iter().zip(model).map(|(a, b)| differs(less(*a, d), less(*b, m))))
+    let differences: Vec<Value> = data
+        .iter()
+        .zip(model)
+        .map(|(d, m)| Value::new(d.value - m.value, libm::hypot(d.std_error, m.std_error)))
+        .filter(|v| v.std_error > 0.0)
+        .collect();
+    let dof = differences.len() as f64 - 1.0;
+    let Some(mean) = Value::combine(differences.iter().copied()).filter(|_| dof > 0.0) else {
+        return 0.0;
+    };
+    let square = |v: &Value| ((v.value - mean.value) / v.std_error).powi(2);
+    tails::chi_square(differences.iter().map(square).sum::<f64>() / dof, dof).max(0.0)
 }
 
 const SITES: [&str; 4] = ["site 0,0", "site 1,0", "site 0,1", "site 1,1"];
