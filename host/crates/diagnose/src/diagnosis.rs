@@ -248,7 +248,7 @@ row_fpn_e = 0.0
 
     /// Effects that `golden/asi120` has figures of, or that follow from them: dark currents and
     /// noise over pixels, patterns of the bias and of the gain, the light.
-    const IN_THE_MODEL: [&str; 17] = [
+    const IN_THE_MODEL: [&str; 16] = [
         "black-level-offset",
         "column-gain-fpn",
         "column-offset-fpn",
@@ -257,7 +257,6 @@ row_fpn_e = 0.0
         "dark-current-telegraph-noise",
         "flicker-banding",
         "frame-offset-by-site",
-        "gain-by-site",
         "green-imbalance",
         "hot-pixels",
         "pixel-offset-fpn",

@@ -857,21 +857,6 @@ pub(super) fn proposal(
             };
             sigma("sigma", all(data)?, all(model)?, [1.0, 1.0])
         }
-        "gain-by-site" => {
-            let gains = |e: &Estimates| -> Option<Vec<Value>> {
-                Some(brightest(e)?.sites.iter().map(|s| s.gain).collect())
-            };
-            let keys = ["plane_0", "plane_1", "plane_2", "plane_3"];
-            let (d, m) = (gains(data)?, gains(model)?);
-            (d.len() == keys.len() && m.len() == keys.len()).then_some(())?;
-            let more: Vec<Value> = d.iter().zip(&m).map(|(d, m)| d.over(*m)).collect();
-            let mean = more.iter().map(|v| v.value).sum::<f64>() / keys.len() as f64;
-            let of = |(key, v): (&'static str, &Value)| {
-                (key, v.scaled(present(key).unwrap_or(1.0) / mean))
-            };
-            let law: Vec<_> = keys.into_iter().zip(&more).map(of).collect();
-            Proposal::of(kind, strength, law)
-        }
         "system-gain" => {
             let ratio = data.gain?.over(model.gain?);
             let had = present("ratio").unwrap_or(1.0);
