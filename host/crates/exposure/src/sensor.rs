@@ -33,7 +33,7 @@ impl Arithmetic {
     /// Refuses a sensor that this arithmetic does not compute to one DN.
     ///
     /// # Errors
-    /// Fixed point and more than [`MAX_FIXED_DN_PER_E`].
+    /// Fixed point and more than `MAX_FIXED_DN_PER_E` (64).
     pub fn check(self, config: &SensorConfig, settings: &FrameSettings) -> Result<()> {
         let gain = |effect: &Effect| match effect {
             Effect::SystemGain(e) => f64::from(e.ratio),
