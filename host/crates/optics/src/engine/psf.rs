@@ -24,7 +24,7 @@ pub struct PsfField {
 /// (s−1)/2) cells from the cell's centre.
 ///
 /// The cell holds an *average* of the scene, which the pixel's integral would blur a second time.
-/// Averages are turned into point values ([`sharpened`]), so that no entry is negative and no light
+/// Averages are turned into point values (`sharpened`), so that no entry is negative and no light
 /// is made or lost, however narrow the PSF. Where the whole pixel is photosensitive, an entry is a sum over the pixel's s x s cells, so that
 /// pixels together receive all of a cell's light wherever it lies in its pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -236,7 +236,7 @@ impl Blurrer {
 
     /// Blurs every input for every output and adds, each pair through its own kernels; then adds
     /// to plane p every output c times `weights[p][c]`. The planes are as large as the frame.
-    /// In f64 where the inputs have a wide [`range`](super::range).
+    /// In f64 where the inputs have a wide range (`range.rs`).
     ///
     /// # Errors
     /// Those of the inputs.
