@@ -26,8 +26,9 @@ const PLANE_SAMPLES: usize = 65;
 /// one.
 const CURVE_SAMPLES: usize = 1025;
 
-/// To be raised whenever the same input gives other planes or another lens than before.
-const REVISION: u32 = 4;
+/// To be raised whenever the same input gives other planes or another lens than before; a test of the
+/// engine says when.
+pub(crate) const REVISION: u32 = 4;
 
 /// What represents a lens in a key.
 #[non_exhaustive]

@@ -7,6 +7,7 @@ use std::f64::consts::PI;
 
 mod placement;
 mod range;
+mod revision;
 
 /// A scene given by its exact cell averages in one or more bands.
 struct Exact<F> {
@@ -209,14 +210,14 @@ impl Lens for GaussianOtf {
         let sigma = self.sigma_um;
         let cutoff_per_mm = 1.3e3 / sigma;
         if !self.table {
-            let at = move |f: f64| (-2.0 * (PI * f * sigma * 1e-3).powi(2)).exp();
+            let at = move |f: f64| libm::exp(-2.0 * (PI * f * sigma * 1e-3).powi(2));
             let core = Otf { cutoff_per_mm, spread_um: 5.0 * sigma, at: Box::new(at) };
             return Blur::Otf { core, wings: Vec::new() };
         }
         let (size, spacing_um) = (65, 0.2 * sigma);
         let value = |k: usize| {
             let (i, j) = ((k / size) as f64 - 32.0, (k % size) as f64 - 32.0);
-            (-0.02 * (i * i + j * j)).exp() / (50.0 * PI)
+            libm::exp(-0.02 * (i * i + j * j)) / (50.0 * PI)
         };
         let psf: Vec<f32> = (0..size * size).map(|k| value(k) as f32).collect();
         let psfs = psf::PsfField {
