@@ -15,9 +15,14 @@ const MIN_EXPOSURE_S: f64 = 1e-9;
 /// A sensor that was just switched on, by the name of its profile or the file of one.
 pub fn open(profile: &str) -> Result<Sensor> {
     let is_file = Path::new(profile).extension().is_some_and(|end| end == "toml");
-    let read = if is_file { Profile::load(Path::new(profile)) } else { Profile::builtin(profile) };
-    let help = "give one of these names, or the file of a profile (NAME.toml)";
-    read.map(Sensor::new).map_err(|e| if is_file { e } else { e.help(help) })
+    let known = || Profile::names().collect::<Vec<_>>().join(", ");
+    let read = match is_file {
+        true => Profile::load(Path::new(profile)),
+        false => Profile::builtin(profile).map_err(|e| {
+            e.help(format!("give the file of a profile (NAME.toml), or {}", known()))
+        }),
+    };
+    read.map(Sensor::new)
 }
 
 /// The sensor, as the source of frames sees it.
