@@ -176,6 +176,9 @@ fn they_agree_over_the_ranges_of_their_parameters() {
         chosen.sort_by_key(Effect::domain);
         let gain = |e: &Effect| match e {
             Effect::SystemGain(e) => f64::from(e.ratio),
+            Effect::GainBySite(e) => {
+                f64::from([e.plane_1, e.plane_2, e.plane_3].into_iter().fold(e.plane_0, f32::max))
+            }
             _ => 1.0,
         };
         let system_gain: f64 = chosen.iter().map(gain).product();

@@ -37,6 +37,9 @@ impl Arithmetic {
     pub fn check(self, config: &SensorConfig, settings: &FrameSettings) -> Result<()> {
         let gain = |effect: &Effect| match effect {
             Effect::SystemGain(e) => f64::from(e.ratio),
+            Effect::GainBySite(e) => {
+                f64::from([e.plane_1, e.plane_2, e.plane_3].into_iter().fold(e.plane_0, f32::max))
+            }
             _ => 1.0,
         };
         let gains: f64 = config.effects.iter().map(gain).product();

@@ -24,10 +24,9 @@ mod vector;
 use pass::{Input, Output, Reader, Writer, pass};
 pub use pass::{KernelPart, Products, Weighted};
 use pulp::{Arch, Simd, WithSimd};
-pub use real::Real;
+pub use real::{LANES, Lanes, Real};
 use std::f64::consts::TAU;
 pub use transpose::transpose;
-pub use vector::{LANES, Lanes};
 
 struct Stage<T> {
     radix: usize,

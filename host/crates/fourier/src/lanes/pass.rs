@@ -1,8 +1,8 @@
 //! One pass over memory: read R elements, apply a butterfly, multiply by twiddle factors, write.
 
 use super::butterflies::{Butterfly, Dft2, Dft3, Dft4, Dft5, Dft6, Dft8, Dft9};
-use super::real::Real;
-use super::vector::{Complex, Lanes};
+use super::real::{Lanes, Real};
+use super::vector::Complex;
 use super::{Split, Stage};
 use pulp::Simd;
 

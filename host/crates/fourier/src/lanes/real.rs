@@ -1,10 +1,22 @@
 //! The numbers that transforms compute with, and their vector registers.
 
-use super::vector::{LANES, Lanes};
 use pulp::Simd;
-use pulp::bytemuck::{Pod, cast_slice, cast_slice_mut};
+use pulp::bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut};
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Neg, Sub};
+
+/// Sequences transformed at once.
+pub const LANES: usize = 16;
+
+/// One element of sixteen sequences.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lanes<T = f32>(pub [T; LANES]);
+
+// SAFETY: sixteen f32 or f64 without padding; any bits are values of it.
+unsafe impl<T: Real> Zeroable for Lanes<T> {}
+// SAFETY: as above; `repr(C)`, `Copy`, no interior mutability, no references.
+unsafe impl<T: Real> Pod for Lanes<T> {}
 
 /// f32 or f64.
 pub trait Real:

@@ -1,7 +1,7 @@
 //! Rows of lanes into columns.
 
 use super::real::Real;
-use super::vector::{LANES, Lanes};
+use super::real::{LANES, Lanes};
 
 /// Exchanges rows and columns of sixteen by sixteen values, by four perfect shuffles.
 #[inline(always)]

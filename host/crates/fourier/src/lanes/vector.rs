@@ -1,20 +1,7 @@
 //! Sixteen values side by side, handled as many at a time as a vector register holds.
 
-use super::real::Real;
-use pulp::{Simd, bytemuck};
-
-/// Sequences transformed at once.
-pub const LANES: usize = 16;
-
-/// One element of sixteen sequences.
-#[repr(C, align(64))]
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lanes<T = f32>(pub [T; LANES]);
-
-// SAFETY: sixteen f32 or f64 without padding; any bits are values of it.
-unsafe impl<T: Real> bytemuck::Zeroable for Lanes<T> {}
-// SAFETY: as above; `repr(C)`, `Copy`, no interior mutability, no references.
-unsafe impl<T: Real> bytemuck::Pod for Lanes<T> {}
+use super::real::{LANES, Lanes, Real};
+use pulp::Simd;
 
 impl<T: Real> Lanes<T> {
     /// Sixteen zeros.
