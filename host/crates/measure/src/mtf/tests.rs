@@ -550,7 +550,7 @@ fn uneven_light_is_no_blur_whatever_the_size_of_the_region() {
         let lit = |(i, v): (usize, &f64)| {
             let [x, y] = [i % side, i / side].map(|place| place as f64 + 0.5 - half);
             let square = (x + away).powi(2) + (y - 0.5 * away).powi(2);
-            64.0 + v * (1.0 + square / distance.powi(2)).powi(-2)
+            64.0 + v * (1.0 + square / distance.powi(2)).powi(2).recip()
         };
         let clean: Vec<f64> = clean.iter().enumerate().map(lit).collect();
         let normal = Normal::new(0.0, noise).unwrap();
