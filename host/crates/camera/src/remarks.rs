@@ -82,7 +82,7 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
         }
         Effect::ColourShading(e) => {
             let by_channel = [e.channel_0, e.channel_1, e.channel_2, e.channel_3];
-            beyond_the_channels(camera, by_channel, 0.0)
+            beyond_the_channels(camera, by_channel)
         }
         Effect::FlickerBanding(e) => {
             let places = [e.plane_0, e.plane_1, e.plane_2, e.plane_3];
@@ -157,10 +157,10 @@ fn reason(camera: &Camera, effect: &Effect) -> Option<String> {
     }
 }
 
-/// A value, other than that of a channel that is not affected, for one that the sensor lacks.
-fn beyond_the_channels(camera: &Camera, by_channel: [f32; 4], unaffected: f32) -> Option<String> {
+/// A value other than 0 for a channel that the sensor lacks.
+fn beyond_the_channels(camera: &Camera, by_channel: [f32; 4]) -> Option<String> {
     let channels = camera.sensor.channel_names.len();
-    let beyond = (channels..by_channel.len()).find(|&c| by_channel[c] != unaffected)?;
+    let beyond = (channels..by_channel.len()).find(|&c| by_channel[c] != 0.0)?;
     Some(format!(
         "does nothing with channel_{beyond}: the sensor has {channels} channels, from 0 on"
     ))

@@ -312,17 +312,18 @@ row_fpn_e = 0.0
         check("hot-pixels", "share", "hot_share", false);
     }
 
+    /// Captures of a real sensor, and another program's figures of them.
+    fn real_sensor() -> Option<(std::path::PathBuf, Json)> {
+        let folder = camrig_testing::shared("data/captures/asi120_zwo")?;
+        let golden = std::fs::read(camrig_testing::shared("golden/asi120/asi120.json")?).unwrap();
+        Some((folder, serde_json::from_slice(&golden).unwrap()))
+    }
+
     /// What the search names at every crop: the greens differ, and no read-out channels do.
     #[test]
     #[ignore = "whole diagnoses, minutes: ci/full"]
     fn a_real_sensor_has_no_false_name_in_its_model_at_any_crop() {
-        let (Some(folder), Some(golden)) = (
-            camrig_testing::shared("data/captures/asi120_zwo"),
-            camrig_testing::shared("golden/asi120/asi120.json"),
-        ) else {
-            return;
-        };
-        let golden: Json = serde_json::from_slice(&std::fs::read(golden).unwrap()).unwrap();
+        let Some((folder, golden)) = real_sensor() else { return };
         let mut wrong = Vec::new();
         for (crop, [width, height]) in CROPS {
             let at = |axis: &str| golden["crops"][crop][axis].as_u64().unwrap() as usize;
@@ -342,13 +343,7 @@ row_fpn_e = 0.0
 
     #[test]
     fn a_real_sensor_has_its_names_by_evidence_at_every_crop_and_never_fewer_at_a_larger_one() {
-        let (Some(folder), Some(golden)) = (
-            camrig_testing::shared("data/captures/asi120_zwo"),
-            camrig_testing::shared("golden/asi120/asi120.json"),
-        ) else {
-            return;
-        };
-        let golden: Json = serde_json::from_slice(&std::fs::read(golden).unwrap()).unwrap();
+        let Some((folder, golden)) = real_sensor() else { return };
         let (camera, mut wrong) = (camera(), Vec::new());
         let mut smaller: BTreeSet<String> = BTreeSet::new();
         for (crop, [width, height]) in CROPS {
