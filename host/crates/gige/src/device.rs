@@ -376,7 +376,12 @@ impl Device {
                 self.formats.iter().any(|f| f.code == value)
             }
             bootstrap::HEARTBEAT_MS => value >= MIN_HEARTBEAT_MS,
-            bootstrap::HOST_PORT | bootstrap::PACKET_DELAY | bootstrap::DESTINATION => true,
+            bootstrap::HOST_PORT | bootstrap::DESTINATION => {
+                // What waits was meant for the receiver before.
+                self.stream.clear();
+                true
+            }
+            bootstrap::PACKET_DELAY => true,
             bootstrap::GVSP_CONFIGURATION => value & !EXTENDED_IDS == 0,
             feature::TEST_PATTERN => known(&TEST_PATTERNS),
             feature::TEST_VALUE => value >> self.sensor.bits.min(16) == 0,

@@ -259,6 +259,18 @@ fn faults_and_packet_sizes_act_as_written_by_either_command() {
 }
 
 #[test]
+fn what_waits_is_not_sent_to_another_receiver() {
+    let mut device = streaming();
+    let order = device.order(ms(0)).unwrap();
+    device.deliver(image(&order));
+    let mut out = Vec::new();
+    assert!(matches!(device.next(ms(0), &mut out), Next::Packet { .. }));
+    assert_eq!(write(&mut device, HOST, bootstrap::PACKET_SIZE, FIRE_TEST | 1500), 0);
+    assert_eq!(write(&mut device, HOST, bootstrap::HOST_PORT, 6001), 0);
+    assert_eq!(device.next(ms(1), &mut out), Next::Wait(None));
+}
+
+#[test]
 fn exclusive_control_keeps_others_from_reading_but_not_from_finding_the_device() {
     let mut d = device();
     let denied = Status::AccessDenied as u16;
