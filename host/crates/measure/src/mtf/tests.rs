@@ -539,8 +539,8 @@ fn a_response_that_noise_hides_is_refused_with_the_reason() {
     assert!(reasons.iter().any(|r| r.contains("noise") || r.contains("edge")), "{reasons:?}");
 }
 
-/// Relative illumination cos⁴ of 60° over a frame of 700 pixels, on an edge in its middle or off it:
-/// whatever the region's size, and in one frame or the mean of many, the closed form.
+/// Relative illumination cos⁴ of 60° over a frame of 700 pixels, on an edge in its middle or off
+/// it: whatever the region's size, and in one frame or the mean of many, the closed form.
 #[test]
 fn uneven_light_is_no_blur_whatever_the_size_of_the_region() {
     let distance = 350.0 / 30f64.to_radians().tan();
