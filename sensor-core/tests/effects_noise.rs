@@ -102,47 +102,81 @@ fn noise_follows_a_power_of_the_gain<A: Arith>() {
     }
 }
 
+/// The power spectrum of rows' offsets, octave by octave, against its closed form at heights near a
+/// power of two, far from one and odd, and that form against the law.
 fn row_correlated_noise<A: Arith>() {
-    for exponent in [0.5f64, 1.0, 1.6] {
-        let effect = row_correlated_noise::RowCorrelatedNoise {
-            sigma_e: 30.0,
-            exponent: exponent as f32,
-            gain_exponent: 0.0,
-        };
-        let config = monochrome(4, 4096, &[effect.into()]);
-        let frames: Vec<Vec<f64>> =
-            (0..24).map(|f| row_means(&flat::<A>(&config, &at(f), 0.0), 4)).collect();
-        let share = |k: i32| if k == 1 { 1.0 - 0.4 * exponent } else { 1.0 };
-        let weight = |k: i32| share(k) * 2f64.powf(f64::from(k) * (exponent - 1.0));
-        let total: f64 = (1..13).map(weight).sum();
-        // Of differences, as the mean of a frame is not known: 2 (R(0) - R(h)).
-        for lag in [1usize, 8, 100, 1000] {
-            let fall: f64 = (1..13)
-                .map(|k| {
-                    let h = lag as f64 / 2f64.powi(k);
-                    let left = match h {
-                        // One cell around the frame is a square wave.
-                        _ if k == 12 => (1.0 - 4.0 * h).max(4.0 * h - 3.0),
-                        _ if h >= 1.0 => 0.0,
-                        _ if h <= 0.5 => 1.0 - 3.0 * h,
-                        _ => h - 1.0,
-                    };
-                    weight(k) * (1.0 - left)
-                })
-                .sum::<f64>()
-                / total;
-            let (value, error) = estimate(
-                &frames
-                    .iter()
-                    .map(|o| {
-                        let d = o.iter().zip(&o[lag..]).map(|(a, b)| (a - b) * (a - b));
-                        d.sum::<f64>() / (o.len() - lag) as f64
-                    })
-                    .collect::<Vec<_>>(),
-            );
-            near("squared difference of rows", value, 2.0 * 900.0 * fall + 2.0 * ROUNDING, error);
+    // Most that the closed form is off the law, rms over ln f, as the effect's documentation has it.
+    for (exponent, limit) in [(0.7, 0.05), (1.0, 0.08), (1.4, 0.17)] {
+        for height in [75, 192, 256, 480, 1000] {
+            let power = power_of_rows(f64::from(height), exponent);
+            // Its ratio to f^-a and the square of that, over ln f.
+            let bins: Vec<f64> = (1..).zip(&power).map(|(k, _)| f64::from(k)).collect();
+            let over_ln_f = |degree: i32| {
+                let all = bins.iter().zip(&power);
+                let each = all.map(|(k, p)| (p * k.powf(exponent)).powi(degree) / k);
+                each.sum::<f64>() / bins.iter().map(|k| 1.0 / k).sum::<f64>()
+            };
+            let off = (over_ln_f(2) / over_ln_f(1).powi(2) - 1.0).sqrt();
+            assert!(off < limit, "{height} rows, exponent {exponent}: {off} off the law");
+            follows_spectrum::<A>(height, exponent, &power);
         }
     }
+}
+
+/// Power of rows' offsets of variance 1, at 1, 2 ... cycles per frame.
+fn power_of_rows(height: f64, exponent: f64) -> Vec<f64> {
+    let octaves = height.log2().floor();
+    let mut cells: Vec<(f64, f64)> = (1..=octaves as i32).map(|k| (2f64.powi(k), 1.0)).collect();
+    cells[0].1 = 1.0 - 0.4 * exponent;
+    let all_rows = (height / 2.0).floor() * 2.0;
+    cells.push((all_rows, all_rows.log2() - octaves));
+    let share = |(length, weight): (f64, f64)| weight * length.powf(exponent - 1.0);
+    let total: f64 = cells.iter().map(|c| share(*c)).sum();
+    let at = |k: i32| {
+        let angle = core::f64::consts::PI * f64::from(k) / height;
+        let of = |length: f64| 4.0 * (angle * length / 2.0).sin().powi(4) / length;
+        let sum: f64 = cells.iter().map(|c| share(*c) * of(c.0)).sum();
+        sum / angle.sin().powi(2) / total
+    };
+    (1..=(height / 2.0) as i32).map(at).collect()
+}
+
+fn follows_spectrum<A: Arith>(height: u32, exponent: f64, power: &[f64]) {
+    let (sigma_e, rows) = (30.0, f64::from(height));
+    let effect = row_correlated_noise::RowCorrelatedNoise {
+        sigma_e,
+        exponent: exponent as f32,
+        gain_exponent: 0.0,
+    };
+    let config = monochrome(1, height, &[effect.into()]);
+    let square = f64::from(sigma_e).powi(2);
+    let mut variances = Vec::new();
+    // Means of measured over expected power over octaves of frequency, of each frame.
+    let mut octaves = vec![Vec::new(); height.ilog2() as usize];
+    for frame in 0..100 {
+        let offsets = flat::<A>(&config, &at(frame), 0.0);
+        near("mean of a frame", mean(&offsets), 0.0, (ROUNDING / rows).sqrt());
+        variances.push(offsets.iter().map(|v| v * v).sum::<f64>() / rows);
+        let ratio = |k: usize| {
+            // Goertzel 1958: the Fourier transform's square at one frequency.
+            let twice_cos = 2.0 * (core::f64::consts::TAU * k as f64 / rows).cos();
+            let (a, b) = offsets.iter().fold((0.0, 0.0), |(a, b), v| (v + twice_cos * a - b, a));
+            (a * a + b * b - twice_cos * a * b) / rows / (square * power[k - 1] + ROUNDING)
+        };
+        for (octave, ratios) in octaves.iter_mut().enumerate() {
+            let bins = 1 << octave..(2 << octave).min(power.len() + 1);
+            ratios.push(mean(&bins.map(ratio).collect::<Vec<_>>()));
+        }
+    }
+    for (octave, ratios) in octaves.iter().enumerate() {
+        let (value, error) = estimate(ratios);
+        let from = 1 << octave;
+        let what =
+            format!("{height} rows, exponent {exponent}, power from {from} cycles per frame");
+        near(&what, value, 1.0, error);
+    }
+    let (value, error) = estimate(&variances);
+    near("variance of rows", value, square + ROUNDING, error);
 }
 
 fn periodic_pattern_noise<A: Arith>() {
