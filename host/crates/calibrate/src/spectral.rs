@@ -80,6 +80,29 @@ pub fn sensitivities(
     Ok(channels.row_iter().map(|row| row.iter().copied().collect()).collect())
 }
 
+/// How far signals are from those of the exitances that a chart's patches have, in the best case for
+/// the camera: the residual of [`sensitivities`] from them alone, rms over patches and channels,
+/// relative to the brightest patch of each channel. Infinite where a channel sees nothing.
+pub(crate) fn unexplained(
+    exitances: &[Vec<f64>],
+    signals: &[Vec<f64>],
+    components: usize,
+) -> Result<f64> {
+    let mut square = 0.0;
+    let sensitivities = sensitivities(exitances, signals, components)?;
+    for (channel, sensitivity) in sensitivities.iter().enumerate() {
+        let white = signals.iter().map(|s| s[channel]).fold(0.0, f64::max);
+        if white == 0.0 {
+            return Ok(f64::INFINITY);
+        }
+        for (exitance, signal) in exitances.iter().zip(signals) {
+            let seen: f64 = sensitivity.iter().zip(exitance).map(|(s, e)| s * e).sum();
+            square += ((signal[channel] - seen) / white).powi(2);
+        }
+    }
+    Ok((square / (signals.len() * sensitivities.len()) as f64).sqrt())
+}
+
 /// A linear estimator: S = offset + matrix · r.
 #[derive(Clone, Debug)]
 pub struct Estimator {

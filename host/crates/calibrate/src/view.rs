@@ -6,6 +6,7 @@ use camrig_base::Cfa;
 use camrig_base::{Error, ErrorCode, Plane, Result};
 use camrig_light::Illuminant;
 use camrig_scene::chart::colorchecker;
+use std::fmt;
 use std::str::FromStr;
 
 /// One plane per channel, a value per cell of the colour filter pattern: the mean of the cell's
@@ -45,6 +46,18 @@ impl FromStr for Region {
     }
 }
 
+impl fmt::Display for Region {
+    /// As it is given, to a tenth of a pixel.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y, w, h] = [self.left, self.top, self.width, self.height].map(tenths);
+        write!(f, "{x},{y},{w},{h}")
+    }
+}
+
+fn tenths(v: f64) -> f64 {
+    (10.0 * v).round() / 10.0
+}
+
 impl View {
     /// Takes a linear raw frame apart.
     pub fn new(frame: &Plane<f32>, cfa: &Cfa) -> Self {
@@ -74,7 +87,7 @@ impl View {
         let rows = (region.top / cell).ceil() as usize
             ..((region.top + region.height) / cell).floor() as usize;
         if columns.is_empty() || rows.is_empty() || columns.end > width || rows.end > height {
-            return Err(Error::input(format!("{what} lies at {region:?}")).help(format!(
+            return Err(Error::input(format!("{what} lies at {region}")).help(format!(
                 "the frame has {} x {} pixels, and a region at least {cell} pixels a side",
                 width * self.cell,
                 height * self.cell
@@ -130,8 +143,25 @@ pub struct ChartFit {
     pub residual: f64,
 }
 
-/// Largest residual that is still a ColorChecker.
+/// Largest residual that is still a ColorChecker. Of measured exitances, whose six components adapt
+/// to the signals, a chart leaves 0.002, and its patches in the order of their neighbours 0.19.
 const NO_CHART: f64 = 0.15;
+
+/// Checks that signals of the 24 patches, off what is expected of them by `residual` (not finite
+/// where they have no scale), are those of a chart.
+pub(crate) fn is_chart(residual: f64) -> Result<()> {
+    if residual <= NO_CHART {
+        return Ok(());
+    }
+    let off = match residual {
+        r if r.is_finite() => {
+            format!(": its patches would be off by {:.0} % of white", 100.0 * r)
+        }
+        _ => String::new(),
+    };
+    Err(Error::input(format!("no ColorChecker found there{off}"))
+        .help("give the rectangle around the 24 patches, dark skin at the upper left"))
+}
 
 /// Finds each channel's scale by least squares over the patches, under the light of least residual
 /// among `lights`.
@@ -162,13 +192,8 @@ pub fn fit_chart(
         }
     }
     let best = best.ok_or_else(|| Error::input("no illuminant to choose from"))?;
-    if best.residual > NO_CHART || best.white.iter().any(|w| *w <= 0.0) {
-        return Err(Error::input(format!(
-            "no ColorChecker found there: its patches would be off by {:.0} % of white",
-            100.0 * best.residual
-        ))
-        .help("give the rectangle around the 24 patches, dark skin at the upper left"));
-    }
+    let positive = best.white.iter().all(|w| *w > 0.0);
+    is_chart(if positive { best.residual } else { f64::INFINITY })?;
     Ok(best)
 }
 
