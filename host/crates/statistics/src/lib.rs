@@ -17,7 +17,7 @@
 //! | [`targets`] | figures of edges, dots and charts |
 //! | [`battery`] | all statistics of the dark and flat stacks |
 //! | [`allowances`] | uncertainty of the stated light, undetected particle hits |
-//! | [`numerics`] | sums, spectra, minima |
+//! | [`numerics`] | sums, spectra, minima, quantiles of values on a lattice |
 //!
 //! ```
 //! use camrig_statistics::{Place, Scale, Statistic, What, statistic::by_key};

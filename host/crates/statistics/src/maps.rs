@@ -5,6 +5,7 @@ use super::spatial::{Spatial, describe};
 use super::temporal::Temporal;
 use crate::data::channels::Channels;
 use crate::data::design::{Condition, Design, same_temperature};
+use crate::numerics::steps::Spread;
 use camrig_base::Plane;
 use camrig_camera::Camera;
 use camrig_captures::Role;
@@ -51,6 +52,8 @@ pub struct Map {
     pub spatial: Spatial,
     /// Whether the light was even, so that shading belongs to the sensor.
     pub even: bool,
+    /// Median of its pixels, in its unit.
+    pub median: f64,
     /// The after-image, for [`MapKind::AfterLight`].
     pub after_image: Option<AfterImage>,
     /// The map itself.
@@ -142,23 +145,26 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
     let Some(reference) = reference_dark(design) else { return Vec::new() };
     let dark = &stacks[reference];
     let maker = Maker { camera, design, stacks, channels: Channels::new(camera), dark };
-    let mut out = vec![maker.map(MapKind::Offset, dark.mean.clone(), true)];
+    let mut out = vec![maker.map(MapKind::Offset, dark.mean.clone(), dark.step(), true)];
     out.extend(maker.dark_current(&design.conditions[reference]));
     let flats: Vec<usize> =
         flats(design).into_iter().filter(|&i| saturated(&stacks[i]) < SATURATED_FLAT).collect();
     let even = flats.iter().all(|&i| design.conditions[i].even);
     if !flats.is_empty() {
-        out.push(maker.map(MapKind::Gain, maker.gain(&flats), even));
+        out.push(maker.map(MapKind::Gain, maker.gain(&flats), 0.0, even));
     }
-    out.extend(maker.curvature(&flats).map(|plane| maker.map(MapKind::Curvature, plane, even)));
+    let curvature = maker.curvature(&flats);
+    out.extend(curvature.map(|plane| maker.map(MapKind::Curvature, plane, 0.0, even)));
     out.extend(maker.after_light(&design.conditions[reference]));
     out
 }
 
 impl Maker<'_> {
-    fn map(&self, kind: MapKind, plane: Plane<f32>, even: bool) -> Map {
-        let spatial = describe(&plane, &self.channels, even);
-        Map { kind, spatial, even, after_image: None, plane }
+    /// A map whose values lie on multiples of `step`; of 0, on no lattice.
+    fn map(&self, kind: MapKind, plane: Plane<f32>, step: f64, even: bool) -> Map {
+        let spatial = describe(&plane, &self.channels, even, step);
+        let median = Spread::of(plane.data.clone(), step).median();
+        Map { kind, spatial, even, median, after_image: None, plane }
     }
 
     /// A stack's mean frame above the reference dark, times `scale`.
@@ -166,6 +172,12 @@ impl Maker<'_> {
         let pairs = t.mean.data.iter().zip(&self.dark.mean.data);
         let data = pairs.map(|(a, b)| (a - b) * scale).collect();
         Plane { width: t.width, height: t.height, data }
+    }
+
+    /// Step of the values of a stack's mean frame above the reference dark, DN: that of the one
+    /// with fewer frames.
+    fn step_above_dark(&self, t: &Temporal) -> f64 {
+        t.step().max(self.dark.step())
     }
 
     /// DN per electron at an analog gain, from the camera file.
@@ -193,8 +205,9 @@ impl Maker<'_> {
         let c = &self.design.conditions[long].stack;
         let longer = c.exposure_s - reference.stack.exposure_s;
         let scale = 1.0 / (self.nominal_gain(c.analog_gain) * longer);
-        let plane = self.above_dark(&self.stacks[long], scale as f32);
-        Some(self.map(MapKind::DarkCurrent, plane, true))
+        let t = &self.stacks[long];
+        let step = scale * self.step_above_dark(t);
+        Some(self.map(MapKind::DarkCurrent, self.above_dark(t, scale as f32), step, true))
     }
 
     /// Weighted slope Σ w µ s / Σ w µ² of each pixel's signal s against the level µ, relative to
@@ -234,7 +247,9 @@ impl Maker<'_> {
             let after_light = c.before_e.iter().any(|&e| e > 0.0);
             c.stack.role == Role::Dark && after_light && same_sensor_settings(c, reference)
         })?;
-        let mut m = self.map(MapKind::AfterLight, self.above_dark(&self.stacks[i], 1.0), true);
+        let (plane, step) =
+            (self.above_dark(&self.stacks[i], 1.0), self.step_above_dark(&self.stacks[i]));
+        let mut m = self.map(MapKind::AfterLight, plane, step, true);
         let n = m.plane.data.len() as f64;
         let mean = m.plane.data.iter().map(|&v| f64::from(v)).sum::<f64>() / n;
         let before = c.before_e.iter().sum::<f64>() / c.before_e.len() as f64

@@ -134,8 +134,9 @@ mod tests {
         }
         data.iter_mut().step_by(1777).for_each(|v| *v = 0.0);
         let plane = Plane { width: w, height: h, data };
-        let spatial = describe(&plane, &channels, even);
-        (Map { kind: MapKind::Gain, spatial, even, after_image: None, plane }, channels)
+        let spatial = describe(&plane, &channels, even, 0.0);
+        let (kind, median, after_image) = (MapKind::Gain, 1.0, None);
+        (Map { kind, spatial, even, median, after_image, plane }, channels)
     }
 
     #[test]

@@ -87,6 +87,11 @@ impl Temporal {
         mean(&self.mean.data)
     }
 
+    /// Distance, DN, of the values that the mean of a pixel can have: codes are whole numbers.
+    pub fn step(&self) -> f64 {
+        1.0 / self.frames.max(1) as f64
+    }
+
     /// Variance of the mean frame over its pixels, DN².
     pub fn fixed_variance(&self) -> f64 {
         let level = self.level();
