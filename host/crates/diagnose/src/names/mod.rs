@@ -3,7 +3,8 @@
 //! [`camrig_estimates`] gives the same figures, with errors, of the captures and of frames that a
 //! model simulates under the same conditions. An effect stands out where the two differ by
 //! [`MIN_DEVIATION`] standard errors, so that what a model has already, the converter's rounding
-//! and the bias of an estimator cancel. Against the model as given this gives proposals; against
+//! and the bias of an estimator cancel. Of small frames the model's gains of sites are means over
+//! several simulations, whose own scatter would hide a difference. Against the model as given this gives proposals; against
 //! the improved model it tells what the effects that were named have explained.
 
 mod effects;
@@ -17,7 +18,7 @@ use camrig_camera::Camera;
 use camrig_clean::{Cleaned, Finding, Kind};
 use camrig_estimates::Estimates;
 use effects::Test;
-use gather::{FRAMES_SEED, Gathered};
+use gather::Gathered;
 
 /// Standard errors from which an effect stands out: of some thirty tests, one in sixty thousand
 /// sets has one by chance.
@@ -49,7 +50,7 @@ impl Names {
     ) -> Result<Option<Self>> {
         let Some(gathered) = Gathered::of(camera, set, measured) else { return Ok(None) };
         let Ok(found) = gathered.measured(set)? else { return Ok(None) };
-        let Ok(given) = gathered.simulated(camera, FRAMES_SEED)? else { return Ok(None) };
+        let Ok(given) = gathered.modelled(camera)? else { return Ok(None) };
         let pixels = set.set().sensor.width * set.set().sensor.height;
         let dn_per_e = found.gain.map(|g| g.value);
         let of_frames = measured
@@ -94,7 +95,7 @@ impl Names {
                 break;
             }
             let improved = with_all(camera, &proposals);
-            let Ok(model) = self.gathered.simulated(&improved, FRAMES_SEED)? else { break };
+            let Ok(model) = self.gathered.simulated(&improved, 0)? else { break };
             for p in proposals.iter_mut().filter(|p| effects::is_seen_in_part(p.kind)) {
                 let test = out.iter().find(|t| t.effect == p.kind);
                 if let Some(again) = test.and_then(|t| of(t, &model, &improved)) {
@@ -105,10 +106,12 @@ impl Names {
         Ok(proposals)
     }
 
-    /// The largest deviation of frames that the model simulates with another seed, and its effect.
+    /// The largest deviation of frames that the model simulates once more, and its effect.
     #[cfg(test)]
     pub(crate) fn by_chance(&self, camera: &Camera, seed: u64) -> (f64, &'static str) {
-        let found = self.gathered.simulated(camera, FRAMES_SEED + seed).unwrap().unwrap();
+        // Apart from the model's own.
+        const AFTER_RUNS: u64 = 100;
+        let found = self.gathered.simulated(camera, AFTER_RUNS + seed).unwrap().unwrap();
         let all = effects::all(&found, &self.given).into_iter();
         let all = all.map(|t| (t.deviation.abs(), t.effect));
         all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, ""))
@@ -124,7 +127,7 @@ impl Names {
         if outcome.steps.is_empty() && outcome.shapes.is_empty() {
             return Ok(self.evidence(&self.given, &named, false));
         }
-        let improved = self.gathered.simulated(&outcome.after.camera, FRAMES_SEED)?;
+        let improved = self.gathered.modelled(&outcome.after.camera)?;
         let improved = improved.unwrap_or_else(|_| self.given.clone());
         Ok(self.evidence(&improved, &named, outcome.after.passes()))
     }
