@@ -35,6 +35,46 @@ fn names(diagnosis: &Value) -> Vec<&str> {
     names
 }
 
+/// What lies behind the gain is seen by several gains alone: a model with a typical value of it
+/// gets both parts of the read noise from them, in electrons, whatever the start.
+#[test]
+fn read_noise_before_and_behind_the_gain_are_found_together() {
+    const PLAN: &str = "format = \"plan/1\"\n\
+        [[stack]]\nid = \"dark\"\nrole = \"dark\"\nframes = 16\nexposure_s = 0.005\n\
+        analog_gain = [1, 2, 4, 8]\n\
+        [[stack]]\nid = \"flat\"\nrole = \"flat\"\nframes = 8\nexposure_s = 0.005\n\
+        analog_gain = [1, 8]\nfill = [0.1, 0.4]\nlight = { wavelength_nm = 550 }\n";
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("plan.toml"), PLAN).unwrap();
+    let camera = |post| {
+        small_camera(
+            128,
+            96,
+            &[("cfa", "\"mono\""), ("read_e", "5.0"), ("read_e_post", post), ("row_fpn_e", "0.0")],
+        )
+    };
+    for (name, post) in [("true", "4.2"), ("low", "3.0"), ("high", "4.9")] {
+        std::fs::write(dir.join(format!("{name}.toml")), camera(post)).unwrap();
+    }
+    camrig_ok(dir, "capture --camera true.toml --plan plan.toml --frame-seed 5 -o captures");
+    for start in ["low", "high"] {
+        camrig_ok(dir, &format!("diagnose {start}.toml captures -o {start}"));
+        let found = diagnosis(&dir.join(start));
+        assert_eq!(names(&found), ["read-noise"]);
+        let parameters = &found["steps"][0]["parameters"];
+        for (key, truth) in [("read_e", 5.0), ("read_e_post", 4.2)] {
+            let [value, se] =
+                ["value", "std_error"].map(|part| parameters[key][part].as_f64().unwrap());
+            // The variance of n samples is known to √(2/n): 0.2 % of the noise from one gain.
+            assert!(
+                (value - truth).abs() < 4.0 * se && se < 0.01 * truth,
+                "{start}: {parameters}"
+            );
+        }
+    }
+}
+
 #[test]
 fn captures_of_the_model_agree_and_hidden_effects_are_named_and_added() {
     let dir = folder();

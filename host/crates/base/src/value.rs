@@ -1,6 +1,7 @@
 //! A figure with its standard error, and how several are combined.
 
 use serde::Serialize;
+use std::ops::{Add, Sub};
 
 /// A figure and its standard error (one standard deviation), in the same unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -33,6 +34,12 @@ impl Value {
         Self::new(self.value * factor, self.std_error * factor.abs())
     }
 
+    /// Its square, with its error to first order.
+    #[must_use]
+    pub fn squared(self) -> Self {
+        Self::new(self.value * self.value, 2.0 * self.value.abs() * self.std_error)
+    }
+
     /// The square root of a variance, with its error to first order; `None` where the variance is
     /// not positive, as one that is smaller than its error can be.
     pub fn sqrt(self) -> Option<Self> {
@@ -44,8 +51,8 @@ impl Value {
     #[must_use]
     pub fn over(self, other: Self) -> Self {
         let ratio = self.value / other.value;
-        let relative = libm::hypot(self.std_error / self.value, other.std_error / other.value);
-        Self::new(ratio, (ratio * relative).abs())
+        let error = libm::hypot(self.std_error, ratio * other.std_error);
+        Self::new(ratio, (error / other.value).abs())
     }
 
     /// The mean of independent estimates of one quantity, weighted by inverse variance. Those that
@@ -63,6 +70,24 @@ impl Value {
     }
 }
 
+/// The sum of two independent figures.
+impl Add for Value {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self::new(self.value + other.value, libm::hypot(self.std_error, other.std_error))
+    }
+}
+
+/// The difference of two independent figures.
+impl Sub for Value {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self::new(self.value - other.value, libm::hypot(self.std_error, other.std_error))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::Value;
@@ -74,6 +99,10 @@ mod tests {
         assert_eq!(Value::new(-0.1, 0.3).sqrt(), None);
         assert_eq!(a.scaled(-2.0), Value::new(-8.0, 0.6));
         assert_eq!(b.z(), 10.0);
+        assert_eq!(b.squared(), Value::new(4.0, 0.8));
+        assert_eq!(a + Value::new(1.0, 0.4), Value::new(5.0, 0.5));
+        assert_eq!(a - Value::new(1.0, 0.4), Value::new(3.0, 0.5));
+        assert_eq!(Value::new(0.0, 0.3).over(b), Value::new(0.0, 0.15));
         // Relative errors of 3/40 and 4/40 make 5/40.
         assert!((a.over(b).std_error - 0.25).abs() < 1e-12);
         let mean = Value::combine([a, Value::chosen(9.0), Value::new(5.0, 0.3)]).unwrap();

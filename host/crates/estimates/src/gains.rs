@@ -16,6 +16,8 @@ pub struct Parts {
     pub before: Value,
     /// b.
     pub behind: Value,
+    /// a + b, the whole at unity gain: its parts are not independent.
+    pub at_unity: Value,
 }
 
 /// The parts of each kind of noise and pattern of the bias.
@@ -103,9 +105,12 @@ impl Parts {
         if points.len() < 2 || determinant <= 1e-9 * w * wxx {
             return None;
         }
-        Some(Self {
-            before: Value::new((w * wxy - wx * wy) / determinant, (w / determinant).sqrt()),
-            behind: Value::new((wxx * wy - wx * wxy) / determinant, (wxx / determinant).sqrt()),
-        })
+        // With error of the combination c a + d b, of which the covariance is −Σwx.
+        let value = |c: f64, d: f64| {
+            let value = c * (w * wxy - wx * wy) + d * (wxx * wy - wx * wxy);
+            let variance = c * c * w + d * d * wxx - 2.0 * c * d * wx;
+            Value::new(value / determinant, (variance / determinant).sqrt())
+        };
+        Some(Self { before: value(1.0, 0.0), behind: value(0.0, 1.0), at_unity: value(1.0, 1.0) })
     }
 }

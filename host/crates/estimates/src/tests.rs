@@ -531,6 +531,10 @@ fn what_is_behind_the_gain_does_not_grow_with_it() {
     let found = with_another_gain(&sensor, 15).behind_gain.unwrap();
     assert_is(found.read_noise.behind, 1.44, 0.1);
     assert_is(found.read_noise.before, (0.27f64 * 6.0).powi(2), 0.1);
+    // Unity is where most is known: the error of the sum is that of the frames there.
+    let whole = found.read_noise.at_unity;
+    assert_is(whole, 1.44 + (0.27f64 * 6.0).powi(2), 0.05);
+    assert!(whole.std_error <= found.read_noise.behind.std_error, "{found:?}");
     assert_is(found.column_pattern.behind, 0.16, 0.3);
     assert_is(found.rows.before, 0.27f64.powi(2), 0.2);
     assert!(found.rows.behind.z().abs() < 4.0, "{found:?}");

@@ -4,7 +4,8 @@
 //! With v the variance of dark pixels over frames (DN²), K the system gain (DN/e⁻), primes what
 //! the model predicts and ⟨ ⟩ inverse-variance means:
 //!
-//!   read noise: r² = r₀² + ⟨(v − v')/K²⟩, e⁻², over the dark stacks with little dark charge;
+//!   read noise: r² = r₀² + ⟨(v − v')/K²⟩, e⁻², over the dark stacks with little dark charge; of
+//!               several gains G the line (v − v')/K² = a + b/G², b behind the gain;
 //!   its spread: Var(r²) = r⁴ g (g − 1), g = exp(4 s²), from the scatter of the pixels' variances
 //!               beyond that of χ²;
 //!   its tails:  the λ of Tukey's law with the excess kurtosis of the dark residuals;
@@ -23,6 +24,7 @@ use crate::statistics::statistic::{Place, What};
 use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_captures::Role;
+use camrig_linear::{LeastSquares, Matrix, Vector};
 use camrig_sensor_core::effects::{Effect, read_noise::ReadNoise};
 
 /// Dark charge, in variances of read noise, below which a dark stack shows read noise: an error of
@@ -62,16 +64,52 @@ const LOGISTIC_WITHIN: f64 = 0.01;
 /// Excess kurtosis of the logistic law.
 const LOGISTIC_KURTOSIS: f64 = 1.2;
 
-/// `read-noise`: variance of the pixels of dark stacks.
+/// `read-noise`: variance of the pixels of dark stacks; at several gains G with its part behind the
+/// gain, of which 1/G² is seen.
 pub fn read_noise(e: &Evidence<'_>) -> Option<Proposal> {
-    let short = short_darks(e);
-    let excess = Value::combine(short.iter().filter_map(|&i| {
-        Some(e.variance_excess(i)?.scaled(1.0 / e.gain(&e.design.conditions[i]).powi(2)))
-    }))?;
+    let excess = |&i: &usize| {
+        let condition = &e.design.conditions[i];
+        let excess = e.variance_excess(i)?.scaled(1.0 / e.gain(condition).powi(2));
+        Some((condition.stack.analog_gain, excess))
+    };
+    let excess: Vec<(f64, Value)> = short_darks(e).iter().filter_map(excess).collect();
+    if let Some(both) = read_noise_and_part(e, &excess) {
+        return Some(both);
+    }
+    let excess = Value::combine(excess.into_iter().map(|(_, excess)| excess))?;
     let noise = &e.camera.sensor.noise;
     let s = deviation(noise.read_e, excess)?;
     let effect = with_read_noise(e, s.value);
     Some(Proposal::new("read-noise", effect, excess.z().abs()).with("read_e", s))
+}
+
+/// Both parts by least squares, from what stacks at gains G have more than the model, e⁻²: that of
+/// the part before the gain and 1/G² of that behind it. None of a single gain.
+fn read_noise_and_part(e: &Evidence<'_>, excess: &[(f64, Value)]) -> Option<Proposal> {
+    let (lowest, highest) =
+        excess.iter().fold((f64::INFINITY, 0.0), |(l, h), (gain, _)| (gain.min(l), gain.max(h)));
+    (highest > lowest).then_some(())?;
+    let weight = |i: usize| excess[i].1.std_error.recip();
+    let row =
+        |i: usize, c: usize| weight(i) * if c == 0 { 1.0 } else { excess[i].0.powi(2).recip() };
+    let target = Vector::from_fn(excess.len(), |i, _| excess[i].1.value * weight(i));
+    let line = LeastSquares::of(&Matrix::from_fn(excess.len(), 2, row), &target)?;
+    let noise = &e.camera.sensor.noise;
+    let [before, behind] = [line.coefficients[0], line.coefficients[1]];
+    let post = (noise.read_e_post.powi(2) + behind).max(0.0);
+    let pre = (noise.read_e.powi(2) - noise.read_e_post.powi(2) + before).max(0.0);
+    let c = &line.covariance;
+    let root = |variance: f64, error: f64| {
+        let error = error.sqrt();
+        Value::new(variance.sqrt(), 0.5 * error / variance.sqrt().max(error.sqrt()))
+    };
+    let whole = root(pre + post, c[(0, 0)] + c[(1, 1)] + 2.0 * c[(0, 1)]);
+    let post = root(post, c[(1, 1)]);
+    let effect = ReadNoise { read_e: whole.value as f32, read_e_post: post.value as f32 };
+    // χ² of no change less that of the change.
+    let strength = (target.norm_squared() - line.chi2).max(0.0).sqrt();
+    let proposal = Proposal::new("read-noise", effect.into(), strength);
+    Some(proposal.with("read_e", whole).with("read_e_post", post))
 }
 
 /// Read noise of the model with another standard deviation at unity gain, e⁻; the part after the

@@ -200,6 +200,7 @@ pub(super) fn all(data: &Estimates, model: &Estimates) -> Vec<Test> {
 const NONE: Parts = Parts {
     before: Value { value: 0.0, std_error: 1.0 },
     behind: Value { value: 0.0, std_error: 1.0 },
+    at_unity: Value { value: 0.0, std_error: 1.0 },
 };
 
 /// Noise and patterns that do not grow with the gain.
@@ -772,16 +773,15 @@ pub(super) fn proposal(
         let at = effect.entry().parameters.iter().position(|p| p.key == key)?;
         effect.values().get(at).copied().map(f64::from)
     };
-    let gain_of_model = model.gain.map_or(given.dn_per_e, |g| g.value);
-    let gain = data.gain.map_or(gain_of_model, |g| g.value);
+    let gain_of_model = model.gain.unwrap_or(Value::new(given.dn_per_e, 0.0));
+    let gain = data.gain.unwrap_or(gain_of_model);
     let strength = test.deviation.abs();
     // σ² = σ₀² + what the captures have more than the model.
-    let root = |key: &str, d: Value, m: Value, unit: [f64; 2]| {
-        let had = present(key).unwrap_or(0.0);
-        let value = had * had + d.value / unit[0].powi(2) - m.value / unit[1].powi(2);
-        Value::new(value, d.std_error / unit[0].powi(2)).sqrt()
+    let root = |key: &str, d: Value, m: Value, unit: [Value; 2]| {
+        let had = Value::new(present(key).unwrap_or(0.0).powi(2), 0.0);
+        (had + d.over(unit[0].squared()) - m.over(unit[1].squared())).sqrt()
     };
-    let sigma = |key: &'static str, d: Value, m: Value, unit: [f64; 2]| {
+    let sigma = |key: &'static str, d: Value, m: Value, unit: [Value; 2]| {
         Proposal::of(kind, strength, [(key, root(key, d, m, unit)?)])
     };
     // Noise in e⁻ that may lie behind the gain.
@@ -798,17 +798,16 @@ pub(super) fn proposal(
     match test.effect {
         "read-noise" => sigma("read_e", d.read_noise_variance, m.read_noise_variance, per_e),
         "gain-stage" => {
-            // At unity gain: a + b in all, of which b behind it.
             let (d, m) = (data.behind_gain?.read_noise, model.behind_gain?.read_noise);
             (differs(d.behind, m.behind) > super::MIN_DEVIATION).then_some(())?;
-            let unity = gain / given.analog_gain;
-            let all = d.before.value.max(0.0) + d.behind.value;
-            let all =
-                Value::new(all, libm::hypot(d.before.std_error, d.behind.std_error)).sqrt()?;
-            let law = [
-                ("read_e", all.scaled(1.0 / unity)),
-                ("read_e_post", d.behind.sqrt()?.scaled(1.0 / unity)),
-            ];
+            let unity = per_e.map(|k| k.scaled(given.analog_gain.recip()));
+            let all = root("read_e", d.at_unity, m.at_unity, unity)?;
+            let post = root("read_e_post", d.behind, m.behind, unity);
+            // The part is at most the whole.
+            let post = post.map_or(Value::new(0.0, all.std_error), |post| {
+                Value::new(post.value.min(all.value), post.std_error)
+            });
+            let law = [("read_e", all), ("read_e_post", post)];
             Proposal::of(kind, strength, law)
         }
         "frame-offset-by-site" => {
@@ -844,7 +843,7 @@ pub(super) fn proposal(
         }
         "frame-offset-noise" => {
             let offsets = data.frame_offsets?;
-            let mut law = vec![("sigma_e", offsets.sd.scaled(1.0 / gain))];
+            let mut law = vec![("sigma_e", offsets.sd.over(gain))];
             law.extend(offsets.drift.map(|d| {
                 let of = d.correlation;
                 ("correlation", Value::new(of.value.min(MAX_CORRELATION), of.std_error))
@@ -855,7 +854,7 @@ pub(super) fn proposal(
             let all = |e: &Estimates| {
                 Value::combine(brightest(e)?.sites.iter().map(|s| s.prnu_variance))
             };
-            sigma("sigma", all(data)?, all(model)?, [1.0, 1.0])
+            sigma("sigma", all(data)?, all(model)?, [Value::new(1.0, 0.0); 2])
         }
         "system-gain" => {
             let ratio = data.gain?.over(model.gain?);
@@ -867,18 +866,19 @@ pub(super) fn proposal(
             let noise = &camera.sensor.noise;
             let kelvins = given.temperature_c - noise.temperature_ref_c;
             let growth = libm::exp2(kelvins / noise.dark_doubling_c);
-            let more = |d: Value, m: Value| d.value / gain - m.value / gain_of_model;
+            let more = |d: Value, m: Value| d.over(gain) - m.over(gain_of_model);
             // Sites of their own rates have what is above the lowest as an effect of their own.
             let sites = by_site(&rates_by_site(data, model), &m.median_by_site);
             let (median_d, median_m) = match sites.abs() {
                 z if z < super::MIN_DEVIATION => (d.median, m.median),
                 _ => (lowest(&d.median_by_site), m.median),
             };
-            let mean = noise.dark_current_e_per_s + more(median_d, median_m) / growth;
-            let mean = Value::new(mean.max(0.0), d.median.std_error / gain / growth);
+            let had = Value::new(noise.dark_current_e_per_s, 0.0);
+            let mean = had + more(median_d, median_m).scaled(growth.recip());
+            let mean = Value::new(mean.value.max(0.0), mean.std_error);
             // As it is, not by what the model has: of one far too wide, half the rates are cut at 0.
             let spread = d.variance_within_sites.sqrt().unwrap_or(Value::new(0.0, 0.0));
-            let spread = spread.scaled(1.0 / (gain * growth));
+            let spread = spread.over(gain).scaled(growth.recip());
             Proposal::of(
                 "dark-current",
                 strength,
@@ -901,7 +901,8 @@ pub(super) fn proposal(
             (d.median_by_site.len() == keys.len() && m.median_by_site.len() == keys.len())
                 .then_some(())?;
             let above = |v: &Value| {
-                Value::new(v.value - least.value, v.std_error).scaled(1.0 / gain / growth)
+                let above = Value::new(v.value - least.value, v.std_error);
+                above.over(gain).scaled(growth.recip())
             };
             let mut law: Vec<(&str, Value)> =
                 keys.into_iter().zip(d.median_by_site.iter().map(above)).collect();
@@ -909,7 +910,7 @@ pub(super) fn proposal(
             law.push(("reference_c", Value::chosen(noise.temperature_ref_c)));
             Proposal::of(kind, strength, law)
         }
-        "defective-areas" => of_groups(&areas(data), data, gain, given, camera),
+        "defective-areas" => of_groups(&areas(data), data, gain.value, given, camera),
         "charge-transfer-inefficiency" => {
             let [serial, parallel] = brightest(data)?.transfer_inefficiency;
             let [serial, parallel] = [serial?, parallel?];
@@ -923,7 +924,7 @@ pub(super) fn proposal(
             // Of an exponential law the excess over a limit has the law's mean.
             let below = libm::exp((d.hot_threshold - d.median.value) / mean.value);
             let fraction = d.hot_share.scaled(below);
-            let rate = mean.scaled(1.0 / gain);
+            let rate = mean.over(gain);
             Proposal::of(test.effect, strength, [("fraction", fraction), ("mean_e_per_s", rate)])
         }
         "dark-current-telegraph-noise" => {
@@ -935,7 +936,7 @@ pub(super) fn proposal(
                 (Some((fraction, mean)), Some((seen, median))) if seen.value > 0.0 => {
                     [fraction / seen.value, mean / median.value]
                 }
-                _ => [1.0, 1.0 / (gain * std::f64::consts::LN_2)],
+                _ => [1.0, 1.0 / (gain.value * std::f64::consts::LN_2)],
             };
             let noise = &camera.sensor.noise;
             Proposal::of(
