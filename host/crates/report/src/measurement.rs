@@ -221,8 +221,9 @@ pub fn mtf(name: &str, edges: &[mtf::Edge]) -> Page {
     }));
     page.rows(&table);
     page.small(
-        "Value ± standard error, from a jackknife over tenths of the rows, or from the spread \
-         between frames if that is larger. Field: distance from the centre divided by half the \
+        "Value ± standard error: of a response from a jackknife over tenths of the rows, of MTF50 \
+         from that or the noise of the sides over the slope of the response, or from the spread \
+         between frames, whichever is largest. Field: distance from the centre divided by half the \
          diagonal; x to the right and y down from the centre.",
     );
     page

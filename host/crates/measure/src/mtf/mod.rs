@@ -26,7 +26,8 @@
 //!
 //! Frequencies are in cycles per sensor pixel for every channel: the samples of a Bayer channel
 //! are two pixels apart, but the bins are finer, so that its curve also extends beyond its own
-//! Nyquist frequency. The standard error is a jackknife over blocks of rows.
+//! Nyquist frequency. The standard error of a response is a jackknife over blocks of rows; that of
+//! MTF50 is the response's, or what the noise of the sides gives if that is more, over the slope.
 //!
 //! For several frames of one edge, the edge spread functions are averaged: each relative to the
 //! edge fitted in its frame, so that a camera that moves by a fraction of a pixel causes no blur,
@@ -81,9 +82,9 @@ const CLIPPED_SHARE: f64 = 0.005;
 /// is unknown: half of symmetric noise is beyond its mean, so clipping there or further in affects
 /// at least as many samples.
 const ONE_VALUE_SHARE: f64 = 0.5;
-/// Largest standard error of the response at one half: with more, one half is less than two
-/// standard errors from none.
-const MAX_NOISE: f64 = 0.25;
+/// Smallest MTF50 over its standard error: with less, the interval of two standard errors reaches
+/// to none.
+const MIN_Z: f64 = 2.0;
 /// Number of samples at similar distances from the edge of whose scatter the limit of defects is.
 const ALIKE: usize = NEIGHBOURS * NEIGHBOURS;
 /// Smallest deviation of a defect over the step: less does not move the response, and is what
@@ -133,8 +134,8 @@ pub struct Edge {
     /// Angle between the edge and the pixel columns (for a horizontal edge, the rows), degrees.
     pub angle_deg: f64,
     /// MTF50: frequency where the response falls to one half, cycles per pixel. Its standard error
-    /// is the largest of those from the noise of the sides, from blocks of rows and, for several
-    /// frames, from the frames.
+    /// is that of the response over its slope, from the noise of the sides or from blocks of rows,
+    /// or, for several frames, that from the frames: the largest of them.
     pub mtf50_cycles_per_pixel: Value,
     /// Standard deviation of MTF50 between frames, cycles per pixel; `None` for one frame.
     pub mtf50_frame_spread: Option<f64>,
@@ -263,25 +264,23 @@ pub fn measure_frames(
         Error::input(format!("the response does not fall to one half below {end:.2} cycles/pixel"))
             .help("check that this is an image of an edge; noise has such a response")
     })?;
-    let noise = sfr.noise(mtf50).sqrt();
-    if noise > MAX_NOISE {
-        return Err(Error::input(format!(
-            "noise hides the response: at one half its standard error is {noise:.2}"
-        ))
-        .help("use more light, a larger region or more frames"));
-    }
     // Jackknife: leave out one block of rows at a time.
     let parts: Vec<Sfr> =
         (0..BLOCKS).filter_map(|block| edges.response(Some(block)).ok()).collect();
-    let rows = jackknife(&parts.iter().filter_map(|p| p.crossing(0.5)).collect::<Vec<_>>());
     let error_at = |f: f64| jackknife(&parts.iter().filter_map(|s| s.at(f)).collect::<Vec<_>>());
+    // A crossing that noise makes too low lies where there is less noise than where it should be.
+    let frequency = sfr.fitted.max(mtf50);
+    let by_noise = sfr.error_at_half(frequency).max(error_at(frequency)) / sfr.fall(mtf50);
     let mtf50_frame_spread = edges.frame_spread()?;
     let between = mtf50_frame_spread.map_or(0.0, |s| s / (frames.len() as f64).sqrt());
     let rounded = edges.rounding(&sfr, mtf50);
-    // Of a response of bell shape, whose slope at one half is ln 2 over its frequency.
-    let by_noise = noise * mtf50 / std::f64::consts::LN_2;
-    let scatter = rows.max(between).max(by_noise);
-    let mtf50 = Value::new(mtf50, libm::hypot(scatter, rounded));
+    let mtf50 = Value::new(mtf50, libm::hypot(by_noise.max(between), rounded));
+    if mtf50.z() < MIN_Z {
+        return Err(Error::input(
+            "noise hides the response: MTF50 is less than two standard errors from none",
+        )
+        .help("use more light, a larger region or more frames"));
+    }
     let size = frames[0].0;
     let half = [size.width, size.height].map(|side| 0.5 * side as f64);
     let (across, along) = first.line.centre();

@@ -75,8 +75,8 @@ impl Spread {
         }
         samples.sort_by(|a, b| a.0.total_cmp(&b.0));
         let noise = far_sides(rows, line, reach).map(|side| side.variance);
-        let variance = 0.5 * (noise[0] + noise[1]) * OVERSAMPLING / rows.len() as f64;
-        Ok(Self { dn: bin_means(&samples, bin, side)?, bin, variance, blur: line.blur })
+        let (dn, share) = bin_means(&samples, bin, side)?;
+        Ok(Self { dn, bin, variance: 0.5 * (noise[0] + noise[1]) * share, blur: line.blur })
     }
 
     /// The mean of spread functions of equal bins.
@@ -91,6 +91,11 @@ impl Spread {
         Self { dn, bin: several[0].bin, variance: variance / (n * n), blur }
     }
 
+    /// MTF50 of the blurred step that fits best, cycles per pixel.
+    fn fitted(&self) -> f64 {
+        (2.0 * std::f64::consts::LN_2).sqrt() / (2.0 * PI * self.blur)
+    }
+
     /// Distance of bin `i` from the edge, pixels.
     fn place(&self, i: usize) -> f64 {
         (i as f64 + 0.5 - 0.5 * self.dn.len() as f64) * self.bin
@@ -101,10 +106,10 @@ impl Spread {
         0.5 * self.dn.len() as f64 * self.bin
     }
 
-    /// The step's height, DN; signed. Tails of diffraction fall as 1/x², so that as much lies
-    /// beyond X as between X/2 and X; where noise hides them, the difference of the outer halves'
-    /// means has less of it.
-    fn height(&self, lsf: &[f64]) -> f64 {
+    /// The step's height, DN; signed, with its error by noise. Tails of diffraction fall as 1/x², so
+    /// that as much lies beyond X as between X/2 and X; where noise hides them, the difference of
+    /// the outer halves' means has less of it.
+    fn height(&self, lsf: &[f64]) -> Value {
         let count = self.dn.len();
         let outer = |i: &usize| self.place(*i).abs() > 0.5 * self.half();
         let with_tails =
@@ -114,19 +119,20 @@ impl Spread {
             means += self.place(i).signum() * self.dn[i];
             bins += 0.5;
         }
-        let means = means / bins;
+        let means = Value::new(means / bins, (2.0 * self.variance / bins).sqrt());
         // The ends count twice and the middles once, in pairs of bins that a central difference
         // halves.
         let error = (5.0 * self.variance).sqrt();
-        if (means - with_tails).abs() < AGREE * error { means } else { with_tails }
+        let agree = (means.value - with_tails).abs() < AGREE * error;
+        if agree { means } else { Value::new(with_tails, error) }
     }
 
-    /// Half width, pixels, of the window: the smallest that gives the response at one half of all larger ones within their noise, by the method of O. Lepski
-    /// (Theory Probab. Appl. 36, 682, 1991). Without noise it is the whole region, as in the
-    /// standard.
+    /// Half width, pixels, of the window: the smallest that gives the response at one half of all
+    /// larger ones within their noise, by the method of O. Lepski (Theory Probab. Appl. 36, 682,
+    /// 1991). Without noise it is the whole region, as in the standard.
     pub fn window(&self) -> Result<f64> {
         let blur = self.blur;
-        let frequency = (2.0 * std::f64::consts::LN_2).sqrt() / (2.0 * PI * blur);
+        let frequency = self.fitted();
         let mut widths = vec![self.half()];
         while let Some(next) = widths.last().map(|w| w / NARROWER)
             && next > MIN_BLURS * blur
@@ -155,8 +161,12 @@ pub struct Sfr {
     pub spread: Vec<[f64; 2]>,
     /// The step's height including its tails, DN; signed.
     pub height: f64,
+    /// Relative standard error of the height.
+    height_error: f64,
     /// Half width of the window, pixels.
     pub half: f64,
+    /// MTF50 of the blurred step that fits best, cycles per pixel.
+    pub fitted: f64,
     /// Density of the noise over distance, relative to the step's height squared, pixels.
     density: f64,
 }
@@ -170,7 +180,7 @@ impl Sfr {
         for i in 1..count - 1 {
             lsf[i] = 0.5 * (spread.dn[i + 1] - spread.dn[i - 1]);
         }
-        let height = spread.height(&lsf);
+        let Value { value: height, std_error } = spread.height(&lsf);
         if height == 0.0 {
             return Err(no_edge());
         }
@@ -194,7 +204,9 @@ impl Sfr {
             curve: Vec::new(),
             spread: spread.dn.iter().enumerate().map(|(i, dn)| [spread.place(i), *dn]).collect(),
             height,
+            height_error: (std_error / height).abs(),
             half,
+            fitted: spread.fitted(),
             density: spread.variance * bin / (height * height),
         };
         for (k, value) in spectrum.iter().enumerate() {
@@ -216,6 +228,25 @@ impl Sfr {
     pub fn noise(&self, f: f64) -> f64 {
         let pi2 = PI.powi(2);
         0.5 * self.density * pi2 * (0.25 / self.half + 3.0 * f * f * self.half)
+    }
+
+    /// Standard error by noise of a response of one half at a frequency, cycles per pixel: the
+    /// transform's and the height's.
+    pub fn error_at_half(&self, f: f64) -> f64 {
+        libm::hypot(self.noise(f).sqrt(), 0.5 * self.height_error)
+    }
+
+    /// How steeply the response falls where it is one half, per cycle per pixel: over half of the
+    /// frequency on both sides, as noise decides between neighbours, and no steeper than a bell,
+    /// whose slope there is ln 2 over the frequency. It is 0 where the response rises.
+    pub fn fall(&self, f: f64) -> f64 {
+        let end = self.curve.last().map_or(f, |p| p[0]);
+        let beside = (0.5 * f).min(end - f);
+        let fall = match (self.at(f - beside), self.at(f + beside)) {
+            (Some(before), Some(after)) => (before - after) / (2.0 * beside),
+            _ => 0.0,
+        };
+        fall.clamp(0.0, std::f64::consts::LN_2 / f)
     }
 
     /// Frequency where the response first falls to a level, cycles per pixel.
@@ -247,7 +278,10 @@ fn line_from_one(curve: &mut [[f64; 2]], resolved: f64) {
 
 /// Means over the bins of the polygon through sorted samples (distance, value). With few
 /// phases of the slant, samples cluster, and their mean would not be that of the bin's centre.
-fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<Vec<f64>> {
+///
+/// Beside them the variance of a bin over that of a sample: Σ w²/(bin Σ w) of the lengths w of
+/// polygon that the samples stand for.
+fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<(Vec<f64>, f64)> {
     let gap = samples.windows(2).map(|w| {
         let inside = w[0].0.abs() < side as f64 * bin;
         if inside { w[1].0 - w[0].0 } else { 0.0 }
@@ -271,7 +305,10 @@ fn bin_means(samples: &[(f64, f64)], bin: f64, side: usize) -> Result<Vec<f64>> 
         area[i - 1] + h * (a.1 + 0.5 * slope * h)
     };
     let edge = |i: usize| (i as f64 - side as f64) * bin;
-    Ok((0..2 * side).map(|i| (integral(edge(i + 1)) - integral(edge(i))) / bin).collect())
+    let means = (0..2 * side).map(|i| (integral(edge(i + 1)) - integral(edge(i))) / bin);
+    let lengths = samples.windows(3).map(|w| 0.5 * (w[2].0 - w[0].0));
+    let (sum, squares) = lengths.fold((0.0, 0.0), |(sum, squares), w| (sum + w, squares + w * w));
+    Ok((means.collect(), squares / (bin * sum)))
 }
 
 /// Tukey window at u from -1 to 1.

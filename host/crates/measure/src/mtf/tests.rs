@@ -6,6 +6,7 @@ use camrig_testing::shared;
 use rand_distr::{Distribution, Normal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
+use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
 fn mono() -> Cfa {
@@ -577,4 +578,53 @@ fn uneven_light_is_no_blur_whatever_the_size_of_the_region() {
         );
         assert!(std_error < 0.02 * expected / (frames as f64).sqrt() + 0.005, "{std_error}");
     }
+}
+
+/// Single frames at low light: of the figures that are determined, as many lie within two standard
+/// errors of the closed form as chance allows. From a step of ten times the noise on, nine of ten
+/// are determined.
+#[test]
+fn errors_of_noisy_single_frames_reach_the_closed_form() {
+    const FRAMES: u64 = 40;
+    let lens = |f: f64| diffraction(f / 2e-3, 8.0);
+    let cfa = Cfa::parse("RGGB").unwrap();
+    let blurs: [(&str, Vec<f64>, f64); 3] = [
+        ("blur 0.9", through(100, 76, 5.0, 0.3, |f| gauss(0.9, f)), of_blur(0.9, 5.0)),
+        ("blur 1.9", through(100, 76, 5.0, 0.3, |f| gauss(1.9, f)), of_blur(1.9, 5.0)),
+        ("f/8, 2 µm", through(100, 76, 5.0, 0.3, lens), theory(8.0, 2.0) * 2e-3),
+    ];
+    let (mut determined, mut inside) = (0, 0);
+    for (name, values, expected) in blurs {
+        for snr in [5.0, 7.0, 10.0, 20.0] {
+            // The step is 3200 DN; all levels are far from both ends of the scale.
+            let noise = Normal::new(3000.0, 3200.0 / snr).unwrap();
+            let mut rng = Xoshiro256PlusPlus::seed_from_u64(13);
+            let (mut found, mut reasons) = (Vec::new(), BTreeSet::new());
+            for _ in 0..FRAMES {
+                let noisy: Vec<f64> = values.iter().map(|v| v + noise.sample(&mut rng)).collect();
+                let image = frame(100, 76, &noisy);
+                match measure(&image, &cfa, 'R', whole(&image), None, None) {
+                    Ok(e) => found.push(e.mtf50_cycles_per_pixel),
+                    Err(e) => drop(reasons.insert(e.what().to_owned())),
+                }
+            }
+            let values: Vec<f64> = found.iter().map(|v| v.value).collect();
+            let errors: Vec<f64> = found.iter().map(|v| v.std_error).collect();
+            let near = found.iter().filter(|v| (v.value - expected).abs() < 2.0 * v.std_error);
+            let (near, all) = (near.count(), found.len());
+            let (mean, variance) = moments(&values);
+            println!(
+                "{name}, step over noise {snr}: {all} of {FRAMES} determined, {near} of them \
+                 within two errors; mean {mean:.4}, theory {expected:.4}, scatter {:.4}, stated \
+                 {:.4}; {reasons:?}",
+                variance.sqrt(),
+                moments(&errors).0
+            );
+            assert!(snr < 10.0 || all as u64 > FRAMES * 9 / 10, "{name} {snr}: {reasons:?}");
+            (determined, inside) = (determined + all, inside + near);
+        }
+    }
+    // Of 95 % of the N figures, less two standard deviations of the binomial distribution.
+    let least = 0.95 * determined as f64 - 2.0 * (0.95 * 0.05 * determined as f64).sqrt();
+    assert!(inside as f64 > least, "{inside} of {determined}");
 }
