@@ -47,8 +47,8 @@ impl Arithmetic {
         if self == Self::F32 || dn_per_e <= MAX_FIXED_DN_PER_E {
             return Ok(());
         }
-        Err(Error::limit(format!("{dn_per_e:.0} DN per electron in fixed point"))
-            .at(format!("gain {}", settings.analog_gain))
+        Err(Error::limit(format!("{dn_per_e:.1} DN per electron in fixed point"))
+            .at(format!("analog_gain = {}", settings.analog_gain))
             .help(format!(
                 "it is right to one DN up to {MAX_FIXED_DN_PER_E}: use floating point, less gain, \
                  fewer bits or a larger full well"
@@ -196,13 +196,14 @@ impl SimulatedSensor {
     ///
     /// # Errors
     /// Means of another number than the sensor has pixels, negative or not finite; settings out of
-    /// range.
+    /// range, or beyond the arithmetic ([`Arithmetic::check`]).
     pub fn frame_of_electrons(
         &self,
         electrons: &[f32],
         settings: &FrameSettings,
         arithmetic: Arithmetic,
     ) -> Result<RawFrame> {
+        arithmetic.check(&self.config, settings)?;
         let (width, height) = (self.config.width as usize, self.config.height as usize);
         if electrons.len() != width * height {
             let given = electrons.len();
@@ -432,6 +433,50 @@ mod tests {
     use camrig_base::{Bands, Outside, Spectrum};
     use camrig_camera::Directions;
     use camrig_sensor_core::effects::{Effect, optical_crosstalk, persistence::Persistence};
+
+    /// 16 DN per electron at gain 1: fixed point ends at gain 4, or less by the gains of effects.
+    #[test]
+    fn fixed_point_ends_at_64_dn_per_electron_with_all_gains() {
+        use camrig_sensor_core::effects::{gain_by_site::GainBySite, system_gain::SystemGain};
+        let camera = Camera::load("mt9t012").unwrap().with_size(16, 2).unwrap();
+        let bands = Bands { start_nm: 400.0, step_nm: 10.0, count: 30 };
+        let header = CubeHeader::new((16, 2), &bands, "darkness");
+        let dark = IrradianceCube::uniform(header.clone(), &[0.0; 30]).unwrap();
+        let mut sensor = SimulatedSensor::new(&camera, &header).unwrap();
+        sensor.config.bits = 12;
+        sensor.config.full_well_e = 4095.0 / 16.0;
+        let double = GainBySite { plane_0: 0.5, plane_1: 1.0, plane_2: 2.0, plane_3: 1.0 };
+        let chains: [(&[Effect], f32); 3] = [
+            (&[], 1.0),
+            (&[SystemGain { ratio: 0.5 }.into()], 0.5),
+            (&[SystemGain { ratio: 2.0 }.into(), double.into()], 4.0),
+        ];
+        for (effects, gains) in chains {
+            sensor.config.effects = effects.iter().copied().collect();
+            let taken = |arithmetic, gain: f32| {
+                let settings = camera.settings(0, 1e-3, Some(gain.into()));
+                let options = FrameOptions { arithmetic, ..FrameOptions::default() };
+                let of_light = sensor.frame_with(&dark, &settings, options);
+                let of_electrons = sensor.frame_of_electrons(&[0.0; 32], &settings, arithmetic);
+                [of_light, of_electrons]
+            };
+            let last = 4.0 / gains;
+            for frame in
+                taken(Arithmetic::Fixed, last).into_iter().chain(taken(Arithmetic::F32, 16.0))
+            {
+                frame.unwrap();
+            }
+            for frame in taken(Arithmetic::Fixed, last * 1.125) {
+                let error = frame.unwrap_err();
+                assert_eq!(error.kind(), camrig_base::ErrorKind::Limit);
+                assert_eq!(error.what(), "72.0 DN per electron in fixed point");
+                assert_eq!(error.place(), Some(&*format!("analog_gain = {}", last * 1.125)));
+                assert!(
+                    error.remedy().unwrap().contains("up to 64: use floating point, less gain")
+                );
+            }
+        }
+    }
 
     /// Light behind which rows share by crosstalk, then darkness, over the rows of several tasks:
     /// the frames show what traps of two time constants release, in both arithmetics. A frame after

@@ -462,6 +462,12 @@ impl Rig {
                     let receipts =
                         request.rows_stay.then(|| receipts(&std::mem::take(&mut packed)));
                     sensor.check_seed(start.seed).map_err(|e| e.at(&self.url))?;
+                    if request.by_registers {
+                        let used = request.settings.with_gain(start.exposure.analog_gain);
+                        sensor.check_scale(request.arithmetic, &used).map_err(|e| {
+                            e.at(format!("{}, register {:#06x}", self.url, address::ANALOG_GAIN))
+                        })?;
+                    }
                     let exposure_s = f64::from(start.exposure.exposure_s);
                     let lines = line_ns.and_then(|ns| whole_lines(exposure_s, ns));
                     return Ok(RigFrame {
@@ -692,6 +698,16 @@ impl<'s> OnLink<'s> {
         .help("another host changed the rig's camera, or its firmware leaves out the seed"))
     }
 
+    /// Refuses settings at which the arithmetic is not right to one DN in each capture.
+    fn check_scale(&self, arithmetic: Arithmetic, settings: &FrameSettings) -> Result<()> {
+        for (i, capture) in self.captures.iter().enumerate() {
+            let ratios = self.readout.and_then(|readout| readout.ratios.get(i));
+            let own = ratios.map_or(*settings, |ratios| ratios.settings(settings));
+            arithmetic.check(&capture.config, &own)?;
+        }
+        Ok(())
+    }
+
     /// Its bytes on the link.
     fn encoded(&self) -> Option<Vec<u8>> {
         let captures = self
@@ -743,7 +759,9 @@ fn announcement(
     if request.rows_stay {
         shape.raw_bytes = RECEIPT_BYTES as u16;
     }
-    request.arithmetic.check(config, &request.settings)?;
+    if !request.by_registers {
+        sensor.check_scale(request.arithmetic, &request.settings)?;
+    }
     let begin = FrameBegin {
         transfer: 0,
         frame: request.settings.frame,
@@ -915,5 +933,47 @@ impl FrameIo for Io<'_, '_, '_> {
     fn camera(&mut self, offset: u32, out: &mut [u8]) {
         let start = offset as usize;
         out.copy_from_slice(&self.camera[start..start + out.len()]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use camrig_base::Bands;
+    use camrig_camera::Camera;
+    use camrig_exposure::CubeHeader;
+
+    /// The capture of 1.5 DN per electron is right in fixed point up to a gain of 42.67, however
+    /// the gain comes.
+    #[test]
+    fn fixed_point_ends_at_64_dn_per_electron_by_registers_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("camera.toml");
+        std::fs::write(&path, camrig_testing::hdr::camera("dcg2", [16, 2], "captures")).unwrap();
+        let camera = Camera::load(path.to_str().unwrap()).unwrap();
+        let bands = Bands { start_nm: 500.0, step_nm: 10.0, count: 3 };
+        let header = CubeHeader::new((16, 2), &bands, "darkness");
+        let dark = IrradianceCube::uniform(header.clone(), &[0.0; 3]).unwrap();
+        let sensor = HdrSensor::in_light(&camera, &header, 1.0).unwrap();
+        let mut rig = Rig::open("emulator:").unwrap();
+        rig.set_captures(&sensor).unwrap();
+        let mut frame = |gain: f64, by_registers: bool, arithmetic: Arithmetic| {
+            let code = (gain * f64::from(UNITY_GAIN_CODE)) as u32;
+            rig.write_register(address::ANALOG_GAIN, code).unwrap();
+            // The gain of the settings is that of no frame by registers.
+            let own = if by_registers { 100.0 } else { gain };
+            let settings = camera.settings(0, 0.01, Some(own));
+            let request = FrameRequest { by_registers, arithmetic, ..FrameRequest::new(settings) };
+            rig.frame_of_captures(&[&dark], &sensor, &request)
+        };
+        for (by_registers, place) in
+            [(false, "analog_gain = 43"), (true, "emulator:, register 0x0204, analog_gain = 43")]
+        {
+            frame(42.5, by_registers, Arithmetic::Fixed).unwrap();
+            frame(43.0, by_registers, Arithmetic::F32).unwrap();
+            let error = frame(43.0, by_registers, Arithmetic::Fixed).err().unwrap();
+            assert_eq!(error.what(), "64.5 DN per electron in fixed point");
+            assert_eq!(error.place(), Some(place));
+        }
     }
 }
