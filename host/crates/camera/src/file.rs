@@ -233,8 +233,8 @@ pub struct SensorFile {
     #[schemars(range(min = 0.0, max = 65_534.0))]
     #[schemars(extend("unit" = "DN", "usual" = "1/64 to 1/16 of the range"))]
     pub black_level_dn: f64,
-    /// Gain before the converter. In 32-bit fixed point it is at most that at which an electron is 64
-    /// DN with all gains, those of `system-gain` and `gain-by-site` among them.
+    /// Gain before the converter. In 32-bit fixed point it is at most that at which an electron is
+    /// 64 DN with all gains, those of `system-gain` and `gain-by-site` among them.
     #[serde(default = "one")]
     #[schemars(range(min = 0.01, max = 1000.0), extend("usual" = "1 to 16"))]
     pub analog_gain: f64,
