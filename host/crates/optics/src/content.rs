@@ -28,7 +28,7 @@ const CURVE_SAMPLES: usize = 1025;
 
 /// To be raised whenever the same input gives other planes or another lens than before; a test of the
 /// engine says when.
-pub(crate) const REVISION: u32 = 4;
+pub(crate) const REVISION: u32 = 5;
 
 /// What represents a lens in a key.
 #[non_exhaustive]
@@ -124,11 +124,9 @@ impl Content {
             let ideal = lens.ideal_place(nm);
             self.over_field(ideal.as_ref(), reach, |&(x, y)| [x, y]);
             match lens.blur(nm) {
-                Blur::Otf { core, wings } => {
-                    for part in std::iter::once(core).chain(wings) {
-                        self.numbers([part.cutoff_per_mm, part.spread_um]);
-                        self.curve(&part.at, part.cutoff_per_mm);
-                    }
+                Blur::Otf(otf) => {
+                    self.numbers([otf.cutoff_per_mm, otf.spread_um, otf.tail_um]);
+                    self.curve(&otf.at, otf.cutoff_per_mm);
                 }
                 Blur::Field { psfs, cutoff_per_mm } => {
                     self.numbers([cutoff_per_mm, psfs.spacing_um, psfs.size as f64]);

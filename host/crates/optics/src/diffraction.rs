@@ -6,7 +6,7 @@
 use super::engine::{Blur, Lens, Otf, OverField};
 use super::interpolate::MonotoneCubic;
 use camrig_base::Spectrum;
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A lens without aberrations, of given f-number.
 #[derive(Clone, Debug)]
@@ -92,52 +92,11 @@ pub fn hopkins_otf(x: f64, waves: f64) -> f64 {
     4.0 / PI * h / 3.0 * (value(0) + inner + value(intervals))
 }
 
-/// Reach of the core in λN: 0.2 % of a line's light lies beyond on each side ([`Wings`]), of which
-/// a tenth stays with the core.
-const CORE_REACH: f64 = 32.0;
-/// Where the wings begin, in reaches of the core.
-const WINGS_FROM: [f64; 3] = [1.0, 4.0, 32.0];
-/// How far wings are followed, over where the next begin: there the next have all but 3 % of the
-/// light.
-const WINGS_OVERLAP: f64 = 4.0;
-/// Reach of the last, in reaches of the core.
-const WINGS_END: f64 = 256.0;
-/// Reciprocal of the share of the light beyond the frequency up to which the wings are followed.
-const WINGS_CUTOFF: f64 = 1e5;
-
-/// The part of the light that diffraction at the pupil's edge spreads far.
-///
-/// Whatever the defocus, the OTF of a circular pupil starts as 1 − (4/π)·λN·f. That kink at 0 is
-/// the transform of a point-spread function that falls as r⁻³: of a line's light, 2λN/(π³X) lies
-/// beyond X on each side, 0.2 % beyond 32 λN. A·(e^(−2πaf) − e^(−2πbf)) with 2πA·(a − b) =
-/// (4/π)·λN has the kink too: it is the transform of A·(p(r, a) − p(r, b)), p(r, a) = a/(2π(r² +
-/// a²)^(3/2)). The rest of the OTF belongs to a PSF that ends early: with b = X/4 and a = 3X/8 it
-/// has (a² + ab + b²)/(3X²) = 10 % of the OTF's light beyond X.
-#[derive(Clone, Copy)]
-struct Wings {
-    strength: f64,
-    /// 2πa and 2πb, mm.
-    wide: f64,
-    narrow: f64,
-}
-
-impl Wings {
-    /// For λN and the distance X within which the rest of the light is to stay, both µm.
-    fn new(lambda_n_um: f64, spread_um: f64) -> Self {
-        let (wide, narrow) = (0.375e-3 * TAU * spread_um, 0.25e-3 * TAU * spread_um);
-        Self { strength: 4e-3 / PI * lambda_n_um / (wide - narrow), wide, narrow }
-    }
-
-    fn otf(&self, cycles_per_mm: f64) -> f64 {
-        self.strength
-            * (libm::exp(-self.wide * cycles_per_mm) - libm::exp(-self.narrow * cycles_per_mm))
-    }
-
-    /// Frequency beyond which at most 1/[`WINGS_CUTOFF`] of the light passes, cycles/mm.
-    fn cutoff_per_mm(&self) -> f64 {
-        libm::log(self.strength * WINGS_CUTOFF).max(1.0) / self.narrow
-    }
-}
+/// Distance in λN beyond which the point-spread function is its tail: 0.6 % of the light, of
+/// which the tail's closed form, over the mean of a ring of the Airy pattern, is 3/(8π²·32²) =
+/// 4e-5 short. Beside the blur circle of defocus it is a choice, as there is no closed form: light
+/// beyond it that is not the tail's is folded back.
+const CENTRE_LAMBDA_N: f64 = 32.0;
 
 impl Lens for Diffraction {
     fn steradians(&self, nm: f64) -> f64 {
@@ -166,26 +125,14 @@ impl Lens for Diffraction {
     fn blur(&self, nm: f64) -> Blur<'_> {
         let lambda_n_um = 1e-3 * nm * self.working_f_number();
         // The geometric blur circle of defocus comes on top.
-        let spread_um =
-            CORE_REACH * lambda_n_um + self.defocus_um.abs() / (2.0 * self.working_f_number());
-        let wings = WINGS_FROM.map(|from| Wings::new(lambda_n_um, from * spread_um));
-        let part = |k: usize| {
-            let (own, next) = (wings[k], wings.get(k + 1).copied());
-            let reach = WINGS_FROM.get(k + 1).map_or(WINGS_END, |from| WINGS_OVERLAP * from);
-            Otf {
-                cutoff_per_mm: own.cutoff_per_mm(),
-                spread_um: reach * spread_um,
-                at: Box::new(move |f| own.otf(f) - next.map_or(0.0, |next| next.otf(f))),
-            }
-        };
-        Blur::Otf {
-            core: Otf {
-                cutoff_per_mm: self.cutoff_per_mm(nm),
-                spread_um,
-                at: Box::new(move |f| self.otf(nm, f) - wings[0].otf(f)),
-            },
-            wings: (0..wings.len()).map(part).collect(),
-        }
+        let circle_um = self.defocus_um.abs() / (2.0 * self.working_f_number());
+        Blur::Otf(Otf {
+            cutoff_per_mm: self.cutoff_per_mm(nm),
+            spread_um: CENTRE_LAMBDA_N * lambda_n_um + circle_um,
+            // Whatever the defocus, the OTF of a circular pupil starts as 1 − (4/π)·λN·f.
+            tail_um: 4.0 / PI * lambda_n_um,
+            at: Box::new(move |f| self.otf(nm, f)),
+        })
     }
 }
 

@@ -9,7 +9,7 @@ use super::engine::FieldGrids;
 use super::engine::fourier::{self, Kernel};
 use super::engine::nodes::Place;
 use super::engine::psf::KernelGrid;
-use super::engine::sampling::Layout;
+use super::engine::sampling::{Cells, Layout};
 use super::engine::source::{Source, Warp};
 use super::engine::wide::Wide;
 use super::engine::{Blur, Lens, Options, SensorGrid};
@@ -42,39 +42,33 @@ pub fn irradiance(
     choice: Psfs,
 ) -> Result<Plane<f64>> {
     let nm = scene.scene.bands().nm(band);
-    let cells_of = |grid: &SensorGrid, layout: &Layout| {
-        let source = Source::new(
-            scene,
-            band,
-            Warp::new(lens, nm, grid, layout),
-            grid,
-            layout,
-            options.border,
-        );
-        source.rows(0, layout.cells_down())
+    let source = |cells: &Cells| {
+        let warp = Warp::new(lens, nm, grid, cells);
+        Source::new(scene, band, warp, cells, options.border)
     };
     let mut plane = match lens.blur(nm) {
-        Blur::Otf { core, wings } => {
-            let spread = |kernel: &Kernel, grid: &SensorGrid, layout: &Layout| {
-                let values = kernel.values(&grid.geometry(layout));
-                let cells = cells_of(grid, layout)?;
-                let kernel = otf_grid(layout, grid);
-                Ok(scatter(&cells, layout, &kernel, &|_, _| Cow::Borrowed(&values)))
+        Blur::Otf(otf) => {
+            let spread = |cells: &Plane<f32>, kernel: &Kernel, grid, layout: &Layout| {
+                let values = kernel.values(&SensorGrid::geometry(grid, layout));
+                scatter(cells, layout, &otf_grid(layout, grid), &|_, _| Cow::Borrowed(&values))
             };
+            let wide = Wide::new(grid, &[&otf]);
+            let core = wide.core(&otf);
             let layout = fourier::layout(grid, oversample, core.spread_um);
-            let kernel = Kernel::of_core(&core, &wings, &grid.geometry(&layout));
-            let mut plane = spread(&kernel, grid, &layout)?;
-            for wings in &wings {
-                let wide = Wide::new(grid, &[wings])?;
-                let kernel = Kernel::of(wings, &wide.grid.geometry(&wide.layout));
-                let far: Result<Plane<f64>> = spread(&kernel, &wide.grid, &wide.layout);
-                wide.add_to(&mut plane, &far?);
+            let kernel = Kernel::of_core(&core, wide.far(&otf), &grid.geometry(&layout));
+            let cells = source(&layout.cells(grid)).plane()?;
+            let mut plane = spread(&cells, &kernel, grid, &layout);
+            let light = wide.light(|_, cells| source(cells))?;
+            for (ring, light) in wide.rings.iter().zip(&light) {
+                let cells = ring.rows(light)(0, ring.layout.padded_height)?;
+                let kernel = ring.kernel(otf.tail_um);
+                ring.add_to(&mut plane, &spread(&cells, &kernel, &ring.grid, &ring.layout));
             }
             plane
         }
         Blur::Field { psfs, .. } => {
             let FieldGrids { layout, kernel } = FieldGrids::new(&psfs, grid, oversample);
-            let cells = cells_of(grid, &layout)?;
+            let cells = source(&layout.cells(grid)).plane()?;
             let place =
                 Place { layout: &layout, pitch_mm: grid.pitch_um * 1e-3, axis_mm: lens.axis_mm() };
             let kernel_at = |x: f64, y: f64| {

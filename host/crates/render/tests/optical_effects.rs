@@ -31,8 +31,8 @@ fn plain() -> Box<dyn Lens> {
 
 /// The transfer function of a lens that blurs alike everywhere, at a frequency in cycles/mm.
 fn otf(lens: &dyn Lens, nm: f64, f: f64) -> f64 {
-    let Blur::Otf { core, wings } = lens.blur(nm) else { panic!("no transfer function") };
-    (core.at)(f) + wings.iter().map(|part| (part.at)(f)).sum::<f64>()
+    let Blur::Otf(otf) = lens.blur(nm) else { panic!("no transfer function") };
+    (otf.at)(f)
 }
 
 /// The first band of a grey card through the camera, W m⁻² nm⁻¹.

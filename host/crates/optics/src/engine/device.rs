@@ -2,7 +2,8 @@
 //! is one transform per band, and always runs on the processor.)
 
 use super::gpu::{self, Gpu};
-use super::varying::{self, Kernels, Rows, Tiling};
+use super::source::Rows;
+use super::varying::{self, Kernels, Tiling};
 use camrig_base::{Plane, Result};
 
 /// Choice of the device for the blur that varies over the field.

@@ -37,7 +37,7 @@ pub use device::{Device, DeviceChoice};
 use fourier::Kernel;
 pub use nodes::{Misplaced, NodeReport};
 pub use over_field::{OverField, PlaneFunction};
-use sampling::Layout;
+use sampling::{Cells, Layout};
 use serde::{Deserialize, Serialize};
 pub use source::Border;
 use wide::Wide;
@@ -61,16 +61,8 @@ pub struct SensorGrid {
 
 /// How a lens blurs.
 pub enum Blur<'a> {
-    /// The same everywhere: a real, rotationally symmetric optical transfer function. It is the
-    /// sum of a part that keeps the light close and of parts for the little light that goes far, so
-    /// that wide margins and fine cells are never needed at once.
-    Otf {
-        /// Nearly all of the light; 1 at frequency 0.
-        core: Otf<'a>,
-        /// What `core` lacks, smooth over a pixel or wider, the nearest first; 0 at frequency 0.
-        /// They are followed for the longer side of the frame at most.
-        wings: Vec<Otf<'a>>,
-    },
+    /// The same everywhere: a real, rotationally symmetric optical transfer function.
+    Otf(Otf<'a>),
     /// Different over the field: point-spread functions by image height or place.
     Field {
         /// The PSFs.
@@ -80,14 +72,18 @@ pub enum Blur<'a> {
     },
 }
 
-/// An optical transfer function or a part of one.
+/// An optical transfer function, or a part of one.
 pub struct Otf<'a> {
     /// Frequency beyond which nothing passes, cycles/mm.
     pub cutoff_per_mm: f64,
-    /// Distance from the ideal place within which (nearly) all of the light falls, µm; what falls
-    /// beyond is folded back into it.
+    /// Distance from the ideal place within which all of the light but the tail falls, µm; what
+    /// else falls beyond is folded back into it.
     pub spread_um: f64,
-    /// The value over frequency in cycles/mm.
+    /// Length t of the tail, µm: beyond `spread_um` the point-spread function is t/(4π²r³), as
+    /// behind an aperture with edges, where the value falls from frequency 0 as 1 − t·f. 0
+    /// without. It is followed for the longer side of the frame.
+    pub tail_um: f64,
+    /// The value over frequency in cycles/mm, 1 at frequency 0.
     pub at: RadialCurve<'a>,
 }
 
@@ -183,6 +179,12 @@ pub struct Report {
     pub device: Option<String>,
 }
 
+impl Report {
+    fn keep_margin(&mut self, pixels: usize) {
+        self.margin_pixels = self.margin_pixels.max(pixels);
+    }
+}
+
 /// Renders every band of `scene` through `lens` onto `grid`.
 ///
 /// `sink(band, plane)` gets, in band order, the mean irradiance over each pixel's photosensitive
@@ -209,9 +211,7 @@ pub fn irradiance(
         let mut plane = pool.install(|| {
             let job = Band { scene, band, lens, nm, grid, options };
             match lens.blur(nm) {
-                Blur::Otf { core, wings } => {
-                    job.through_otf(&core, &wings, &mut buffers, &mut report)
-                }
+                Blur::Otf(otf) => job.through_otf(&otf, &mut buffers, &mut report),
                 Blur::Field { psfs, cutoff_per_mm } => {
                     job.through_field(&psfs, cutoff_per_mm, &mut field_state, &mut report)
                 }
@@ -249,32 +249,32 @@ impl Band<'_> {
         Ok(s)
     }
 
-    fn source(&self, layout: &Layout, report: &mut Report) -> source::Source<'_> {
-        report.margin_pixels = report.margin_pixels.max(layout.margin);
+    fn source(&self, cells: &Cells) -> source::Source<'_> {
         let Self { scene, band, lens, nm, grid, options } = *self;
-        let warp = source::Warp::new(lens, nm, grid, layout);
-        source::Source::new(scene, band, warp, grid, layout, options.border)
+        let warp = source::Warp::new(lens, nm, grid, cells);
+        source::Source::new(scene, band, warp, cells, options.border)
     }
 
     fn through_otf(
         &self,
-        core: &Otf,
-        wings: &[Otf<'_>],
+        otf: &Otf,
         buffers: &mut fourier::Buffers,
         report: &mut Report,
     ) -> Result<Plane<f32>> {
+        let wide = Wide::new(self.grid, &[otf]);
+        let core = wide.core(otf);
         let oversample = self.oversample(core.cutoff_per_mm, &core.at, report)?;
         let layout = fourier::layout(self.grid, oversample, core.spread_um);
-        let geometry = self.grid.geometry(&layout);
-        let kernel = Kernel::of_core(core, wings, &geometry);
-        let mut plane = fourier::blur(&self.source(&layout, report), kernel, &layout, buffers)?;
-        for wings in wings {
-            let wide = Wide::new(self.grid, &[wings])?;
-            let larger = Band { grid: &wide.grid, ..*self };
-            report.margin_pixels = report.margin_pixels.max(wide.margin_pixels());
-            let kernel = Kernel::of(wings, &wide.grid.geometry(&wide.layout));
-            let source = larger.source(&wide.layout, report);
-            wide.add_to(&mut plane, &fourier::blur(&source, kernel, &wide.layout, buffers)?);
+        report.keep_margin(layout.margin.max(wide.margin_pixels()));
+        let kernel = Kernel::of_core(&core, wide.far(otf), &self.grid.geometry(&layout));
+        let source = self.source(&layout.cells(self.grid));
+        let rows = |first: usize, count: usize| source.rows(first, count);
+        let mut plane = fourier::blur(&rows, kernel, &layout, buffers)?;
+        let light = wide.light(|_, cells| self.source(cells))?;
+        for (ring, light) in wide.rings.iter().zip(&light) {
+            let kernel = ring.kernel(otf.tail_um);
+            let far = fourier::blur(&ring.rows(light), kernel, &ring.layout, buffers)?;
+            ring.add_to(&mut plane, &far);
         }
         Ok(plane)
     }
@@ -292,7 +292,8 @@ impl Band<'_> {
             None => *state.tile_pixels.insert(self.node_distance()?),
         };
         let FieldGrids { layout, kernel } = &FieldGrids::new(psfs, self.grid, s);
-        let source = self.source(layout, report);
+        report.keep_margin(layout.margin);
+        let source = self.source(&layout.cells(self.grid));
         let place = self.place(layout);
         let tiling = varying::Tiling::new(
             s,

@@ -136,4 +136,73 @@ impl Layout {
     pub fn cells_down(&self) -> usize {
         self.padded_height * self.oversample
     }
+
+    /// Its cells; `grid` has its pixels.
+    #[must_use]
+    pub fn cells(&self, grid: &SensorGrid) -> Cells {
+        let (s, w) = (self.oversample, grid.width as f64);
+        let margin = (self.padded_width - self.width).max(self.padded_height - self.height);
+        Cells {
+            across: self.cells_across(),
+            down: self.cells_down(),
+            left: self.left() * s,
+            top: self.top() * s,
+            frame: (self.width * s, self.height * s),
+            side: 1.0 / (w * s as f64),
+            corner: (
+                -0.5 - self.left() as f64 / w,
+                -0.5 * grid.height as f64 / w - self.top() as f64 / w,
+            ),
+            margin_mm: margin as f64 * grid.pitch_um * 1e-3,
+        }
+    }
+}
+
+/// Square cells on which a scene is rendered: those of a frame and of what lies around it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cells {
+    /// All across.
+    pub across: usize,
+    /// All down.
+    pub down: usize,
+    /// Those left of the frame.
+    pub left: usize,
+    /// Those above the frame.
+    pub top: usize,
+    /// Those of the frame across and down; the last may reach beyond its edge.
+    pub frame: (usize, usize),
+    /// Side of one, sensor widths.
+    pub side: f64,
+    /// Top left corner of them all, sensor widths from the image centre.
+    pub corner: (f64, f64),
+    /// They end within this distance from the frame, mm.
+    pub margin_mm: f64,
+}
+
+impl Cells {
+    /// Cells as large as `pixels` of the sensor each way: `all` across and down, of which `before`
+    /// lie left of and above the frame, which has `frame`.
+    #[must_use]
+    pub fn coarse(
+        sensor: &SensorGrid,
+        pixels: usize,
+        frame: (usize, usize),
+        before: usize,
+        all: (usize, usize),
+    ) -> Self {
+        let w = sensor.width as f64;
+        let side = pixels as f64 / w;
+        let beyond = before as f64 * side;
+        let margin = (all.0 - frame.0).max(all.1 - frame.1);
+        Self {
+            across: all.0,
+            down: all.1,
+            left: before,
+            top: before,
+            frame,
+            side,
+            corner: (-0.5 - beyond, -0.5 * sensor.height as f64 / w - beyond),
+            margin_mm: (margin * pixels) as f64 * sensor.pitch_um * 1e-3,
+        }
+    }
 }

@@ -1,13 +1,17 @@
 //! The scene as it would land on the padded cell grid without blur: borders and distortion.
 
 use super::field::{RadialTable, largest_height_mm, sampled};
-use super::sampling::Layout;
+use super::sampling::Cells;
 use super::warp::{APRON, BLOCK, RIGHT, resample};
 use super::{Lens, OverField, SensorGrid};
 use crate::bicubic::BicubicTable;
 use camrig_base::{Plane, Result};
 use camrig_scene::{Grid, LitScene};
+use rayon::prelude::*;
 use std::sync::Arc;
+
+/// Rows `first..first + count` of a cell grid.
+pub type Rows<'a> = dyn Fn(usize, usize) -> Result<Plane<f32>> + Sync + 'a;
 
 /// What lies beyond the frame, from where the blur brings light in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,20 +27,16 @@ pub enum Border {
     Mirror,
 }
 
-/// One band of the scene on the padded cell grid.
+/// One band of the scene on cells.
 pub struct Source<'a> {
     scene: &'a LitScene<'a>,
     band: usize,
-    layout: Layout,
+    cells: Cells,
     border: Border,
-    /// Cell side in sensor widths.
-    cell: f64,
-    /// Top left corner of the padded grid, sensor widths from the image centre.
-    corner: (f64, f64),
     warp: Option<Arc<Warp>>,
 }
 
-/// The geometric mapping of a lens in one band, for a padded grid.
+/// The geometric mapping of a lens in one band, for some cells.
 pub struct Warp {
     mapping: Mapping,
     /// Sensor width, mm.
@@ -55,13 +55,10 @@ enum Mapping {
 
 impl Warp {
     /// The mapping at a wavelength; `None` of a lens that has none.
-    pub fn new(lens: &dyn Lens, nm: f64, grid: &SensorGrid, layout: &Layout) -> Option<Arc<Self>> {
+    pub fn new(lens: &dyn Lens, nm: f64, grid: &SensorGrid, cells: &Cells) -> Option<Arc<Self>> {
         let width_mm = grid.width_mm();
         let axis_mm = lens.axis_mm();
-        let margin_mm = (layout.padded_width - layout.width)
-            .max(layout.padded_height - layout.height) as f64
-            * grid.pitch_um
-            * 1e-3;
+        let margin_mm = cells.margin_mm;
         let mapping = match lens.ideal_place(nm)? {
             OverField::Radial(ideal) => Mapping::Ratio(RadialTable::new(
                 // At the axis the ratio is the curve's slope there.
@@ -100,41 +97,41 @@ impl Warp {
 }
 
 impl<'a> Source<'a> {
-    /// The band of the scene on the cell grid of `layout`, by the mapping made for it.
+    /// The band of the scene on `cells`, by the mapping made for them.
     pub fn new(
         scene: &'a LitScene<'a>,
         band: usize,
         warp: Option<Arc<Warp>>,
-        grid: &SensorGrid,
-        layout: &Layout,
+        cells: &Cells,
         border: Border,
     ) -> Self {
-        let w = grid.width as f64;
-        Self {
-            scene,
-            band,
-            layout: *layout,
-            border,
-            cell: 1.0 / (w * layout.oversample as f64),
-            corner: (
-                -0.5 - layout.left() as f64 / w,
-                -0.5 * grid.height as f64 / w - layout.top() as f64 / w,
-            ),
-            warp,
-        }
+        Self { scene, band, cells: *cells, border, warp }
     }
 
-    /// Rows `first..first + count` of the padded cell grid, radiance.
+    /// All rows, radiance.
+    pub fn plane(&self) -> Result<Plane<f32>> {
+        // Rows requested from the scene at once.
+        const STRIP: usize = 64;
+        let Cells { across, down, .. } = self.cells;
+        let mut plane = Plane::filled(across, down, 0.0);
+        let strips = plane.data.par_chunks_mut(STRIP * across).enumerate();
+        strips.try_for_each(|(i, strip)| {
+            let rows = self.rows(i * STRIP, strip.len() / across)?;
+            strip.copy_from_slice(&rows.data);
+            Ok(())
+        })?;
+        Ok(plane)
+    }
+
+    /// Rows `first..first + count` of the cells, radiance.
     pub fn rows(&self, first: usize, count: usize) -> Result<Plane<f32>> {
         if self.border == Border::Scene {
-            return self.region(0, first, self.layout.cells_across(), count);
+            return self.region(0, first, self.cells.across, count);
         }
-        let s = self.layout.oversample;
-        let (left, top) = (self.layout.left() * s, self.layout.top() * s);
-        let (wide, high) = (self.layout.width * s, self.layout.height * s);
+        let Cells { across, left, top, frame: (wide, high), .. } = self.cells;
         let rows: Vec<Option<usize>> =
             (first..first + count).map(|y| self.inside(y as isize - top as isize, high)).collect();
-        let mut out = Plane::filled(self.layout.cells_across(), count, 0.0);
+        let mut out = Plane::filled(across, count, 0.0);
         let Some(low) = rows.iter().flatten().min().copied() else { return Ok(out) };
         let high_row = rows.iter().flatten().max().map_or(low, |&y| y);
         let frame = self.region(left, top + low, wide, high_row - low + 1)?;
@@ -163,16 +160,17 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// A rectangle of the padded cell grid, distorted by the lens.
+    /// A rectangle of the cells, distorted by the lens.
     fn region(&self, x: usize, y: usize, width: usize, height: usize) -> Result<Plane<f32>> {
-        let left = self.corner.0 + x as f64 * self.cell;
-        let top = self.corner.1 + y as f64 * self.cell;
+        let (cell, corner) = (self.cells.side, self.cells.corner);
+        let left = corner.0 + x as f64 * cell;
+        let top = corner.1 + y as f64 * cell;
         let Some(warp) = &self.warp else {
-            let grid = Grid { width, height, left, top, cell: self.cell };
+            let grid = Grid { width, height, left, top, cell };
             return self.scene.radiance(self.band, &grid);
         };
         let place = |i: usize, j: usize| {
-            warp.ideal(left + (i as f64 + 0.5) * self.cell, top + (j as f64 + 0.5) * self.cell)
+            warp.ideal(left + (i as f64 + 0.5) * cell, top + (j as f64 + 0.5) * cell)
         };
         // The ideal region that the rectangle needs: mappings that have an inverse reach their
         // extremes on the rectangle's outline, which the cells below cover.
@@ -192,22 +190,22 @@ impl<'a> Source<'a> {
             reach(place(right, j));
         }
         // One cell more for what the outline's sampling leaves out.
-        let apron = (APRON + 1) as f64 * self.cell;
-        let cells = |from: f64, to: f64| ((to - from) / self.cell).ceil() as usize + 2 * APRON + 4;
+        let apron = (APRON + 1) as f64 * cell;
+        let cells = |from: f64, to: f64| ((to - from) / cell).ceil() as usize + 2 * APRON + 4;
         // On one lattice of cells whatever the rectangle, so that neighbouring strips see one
         // scene.
-        let lattice = |edge: f64| ((edge - apron) / self.cell).floor() * self.cell;
+        let lattice = |edge: f64| ((edge - apron) / cell).floor() * cell;
         let grid = Grid {
             width: cells(low.0, high.0) + RIGHT,
             height: cells(low.1, high.1),
             left: lattice(low.0),
             top: lattice(low.1),
-            cell: self.cell,
+            cell,
         };
         let ideal = self.scene.radiance(self.band, &grid)?;
         let sample = |i: usize, j: usize| {
             let (u, v) = place(i, j);
-            ((u - grid.left) / self.cell - 0.5, (v - grid.top) / self.cell - 0.5)
+            ((u - grid.left) / cell - 0.5, (v - grid.top) / cell - 0.5)
         };
         let mut mesh = vec![(0.0, 0.0); width.div_ceil(BLOCK) + 1];
         let mut out = Plane::filled(width, height, 0.0);

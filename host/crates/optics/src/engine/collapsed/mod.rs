@@ -25,8 +25,8 @@ mod varying_field;
 use super::field::FallOff;
 use super::fourier::{self, Blurs, Buffers, Kernel};
 use super::sampling::Layout;
-use super::source::{Source, Warp};
-use super::wide::Wide;
+use super::source::{Rows, Source, Warp};
+use super::wide::{Ring, Wide};
 use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixel};
 use camrig_base::{Bands, Error, Plane, Result};
 use camrig_scene::LitScene;
@@ -115,10 +115,11 @@ enum PartBlur {
     Field(Frame, Box<FieldBlur>),
 }
 
-/// Blur by transfer functions: of the core, and of the wings on larger pixels.
+/// Blur by transfer functions: of the core, and of the rings of the tail.
 struct OtfBlur {
     core: (Frame, Blurs),
-    wings: Vec<(Wide, Frame, Blurs)>,
+    wide: Wide,
+    rings: Vec<(Option<Arc<Warp>>, Blurs)>,
     buffers: Buffers,
 }
 
@@ -203,16 +204,32 @@ impl Part {
     fn channels(&mut self, components: &LitScene<'_>, border: Border) -> Result<Vec<Plane<f32>>> {
         let used = &self.components;
         let sources = |Frame { grid, layout, warp }: &Frame| -> Vec<Source<'_>> {
-            let source = |&k| Source::new(components, k, warp.clone(), grid, layout, border);
+            let cells = layout.cells(grid);
+            let source = |&k| Source::new(components, k, warp.clone(), &cells, border);
             used.iter().map(source).collect()
         };
         let mut planes = match &mut self.blur {
             PartBlur::Otf(parts) => {
-                let OtfBlur { core: (frame, blur), wings, buffers } = &mut **parts;
-                let mut planes = blur.run(&sources(frame), buffers)?;
-                for (wide, frame, blur) in wings {
-                    let far = blur.run(&sources(frame), buffers)?;
-                    planes.iter_mut().zip(&far).for_each(|(sum, far)| wide.add_to(sum, far));
+                let OtfBlur { core: (frame, blur), wide, rings, buffers } = &mut **parts;
+                let sources = sources(frame);
+                let rows: Vec<_> = sources
+                    .iter()
+                    .map(|s| |first: usize, count: usize| s.rows(first, count))
+                    .collect();
+                let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
+                let mut planes = blur.run(&rows, buffers)?;
+                let light = |&component: &usize| {
+                    wide.light(|ring, cells| {
+                        let warp = rings[ring].0.clone();
+                        Source::new(components, component, warp, cells, border)
+                    })
+                };
+                let light = used.iter().map(light).collect::<Result<Vec<_>>>()?;
+                for (k, (ring, (_, blur))) in wide.rings.iter().zip(&*rings).enumerate() {
+                    let rows: Vec<_> = light.iter().map(|rings| ring.rows(&rings[k])).collect();
+                    let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
+                    let far = blur.run(&rows, buffers)?;
+                    planes.iter_mut().zip(&far).for_each(|(sum, far)| ring.add_to(sum, far));
                 }
                 planes
             }
@@ -241,27 +258,30 @@ impl Job<'_> {
         let otfs: Option<Vec<_>> = blurs
             .iter()
             .map(|blur| match blur {
-                Blur::Otf { core, wings } => Some((core, wings.as_slice())),
+                Blur::Otf(otf) => Some(otf),
                 Blur::Field { .. } => None,
             })
             .collect();
         let frame = |grid: &SensorGrid, layout: Layout| Frame {
             grid: *grid,
             layout,
-            warp: Warp::new(self.lens, nm, grid, &layout),
+            warp: Warp::new(self.lens, nm, grid, &layout.cells(grid)),
         };
         let blur = match otfs {
             Some(otfs) => {
                 let gains = self.gains(&mappings)?;
-                let (layout, blur) = self.core(&otfs, &gains, report)?;
-                let wings = self.wings(&otfs, &gains, report)?.into_iter();
-                let on_wide = |(wide, blur): (Wide, Blurs)| {
-                    let frame = frame(&wide.grid, wide.layout);
-                    (wide, frame, blur)
+                let wide = Wide::new(self.grid, &otfs);
+                report.keep_margin(wide.margin_pixels());
+                let (layout, blur) = self.core(&wide, &otfs, &gains, report)?;
+                let ring = |ring: &Ring| {
+                    let kernels = otfs.iter().map(|otf| ring.kernel(otf.tail_um));
+                    let blurs = self.blurs(&kernels.collect::<Vec<_>>(), &gains, &ring.layout);
+                    (Warp::new(self.lens, nm, self.grid, &ring.cells), blurs)
                 };
                 PartBlur::Otf(Box::new(OtfBlur {
                     core: (frame(self.grid, layout), blur),
-                    wings: wings.map(on_wide).collect(),
+                    rings: wide.rings.iter().map(ring).collect(),
+                    wide,
                     buffers: Buffers::default(),
                 }))
             }
@@ -306,43 +326,24 @@ impl Job<'_> {
     /// Transfer functions of every channel for every component, of the light that stays close.
     fn core(
         &self,
-        bands: &[(&Otf<'_>, &[Otf<'_>])],
+        wide: &Wide,
+        otfs: &[&Otf<'_>],
         gains: &[f64],
         report: &mut Report,
     ) -> Result<(Layout, Blurs)> {
-        let cores: Vec<&Otf<'_>> = bands.iter().map(|(core, _)| *core).collect();
+        let cores: Vec<Otf<'_>> = otfs.iter().map(|otf| wide.core(otf)).collect();
         let finest: Vec<(f64, &dyn Fn(f64) -> f64)> = cores
             .iter()
             .map(|core| (core.cutoff_per_mm, &*core.at as &dyn Fn(f64) -> f64))
             .collect();
         let s = self.cells(&finest, report)?;
-        let spread = cores.iter().fold(0.0f64, |m, core| m.max(core.spread_um));
-        let layout = fourier::layout(self.grid, s, spread);
-        report.margin_pixels = report.margin_pixels.max(layout.margin);
+        let layout = fourier::layout(self.grid, s, wide.reach_um);
+        report.keep_margin(layout.margin);
         let geometry = self.grid.geometry(&layout);
-        let kernels = bands.iter().map(|(core, wings)| Kernel::of_core(core, wings, &geometry));
+        let kernels = cores.iter().zip(otfs);
+        let kernels = kernels.map(|(core, otf)| Kernel::of_core(core, wide.far(otf), &geometry));
         let blurs = self.blurs(&kernels.collect::<Vec<_>>(), gains, &layout);
         Ok((layout, blurs))
-    }
-
-    /// The same of the light that goes far, part by part.
-    fn wings(
-        &self,
-        bands: &[(&Otf<'_>, &[Otf<'_>])],
-        gains: &[f64],
-        report: &mut Report,
-    ) -> Result<Vec<(Wide, Blurs)>> {
-        let parts = bands.iter().map(|(_, wings)| wings.len()).min().unwrap_or(0);
-        let part = |k: usize| {
-            let wings: Vec<&Otf<'_>> = bands.iter().map(|(_, wings)| &wings[k]).collect();
-            let wide = Wide::new(self.grid, &wings)?;
-            report.margin_pixels = report.margin_pixels.max(wide.margin_pixels());
-            let geometry = wide.grid.geometry(&wide.layout);
-            let kernels: Vec<Kernel> = wings.iter().map(|w| Kernel::of(w, &geometry)).collect();
-            let blurs = self.blurs(&kernels, gains, &wide.layout);
-            Ok((wide, blurs))
-        };
-        (0..parts).map(part).collect()
     }
 
     /// Σ_λ weight · kernel for every channel and component.

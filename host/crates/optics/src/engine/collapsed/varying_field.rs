@@ -5,8 +5,8 @@ use super::mapping::{Mapping, places};
 use crate::engine::nodes::Place;
 use crate::engine::psf::{KernelGrid, PsfField, TAIL};
 use crate::engine::sampling::Layout;
-use crate::engine::source::Source;
-use crate::engine::varying::{Blurrer, Kernels, Pairs, Rows, Tiling, Transformed};
+use crate::engine::source::{Rows, Source};
+use crate::engine::varying::{Blurrer, Kernels, Pairs, Tiling, Transformed};
 use crate::engine::{Blur, Report};
 use camrig_base::{Error, Plane, Result};
 use rayon::prelude::*;
@@ -182,7 +182,7 @@ impl Job<'_> {
 fn fields<'b>(blurs: &'b [Blur<'_>]) -> Result<Vec<(&'b PsfField, f64)>> {
     let field = |blur: &'b Blur<'_>| match blur {
         Blur::Field { psfs, cutoff_per_mm } => Ok((psfs, *cutoff_per_mm)),
-        Blur::Otf { .. } => Err(Error::unsupported("a lens that blurs in two ways, collapsed")
+        Blur::Otf(_) => Err(Error::unsupported("a lens that blurs in two ways, collapsed")
             .help("compute it band by band")),
     };
     blurs.iter().map(field).collect()

@@ -22,7 +22,7 @@
 
 use super::Geometry;
 use crate::engine::Otf;
-use crate::engine::sampling::sinc;
+use crate::engine::sampling::{Layout, sinc};
 use crate::engine::sharpen::{box_sums, sharpened};
 use camrig_vector::vectorised;
 use rayon::prelude::*;
@@ -35,6 +35,11 @@ const MAX_NEGATIVE: f64 = 1e-5;
 pub struct Kernel(Vec<Vec<f64>>);
 
 impl Kernel {
+    /// Of the rows of a quadrant, from the centre outwards.
+    pub fn new(rows: Vec<Vec<f64>>) -> Self {
+        Self(rows)
+    }
+
     /// Of a transfer function that the cell grid resolves.
     pub fn of(otf: &Otf, geometry: &Geometry) -> Self {
         let (support, cell_mm) = (geometry.layout.support(), geometry.cell_mm());
@@ -51,18 +56,22 @@ impl Kernel {
         Self(quadrant(&samples, terms, support, support.is_multiple_of(2)))
     }
 
-    /// Of the light that stays close, such that together with `wings` none of it is negative.
-    pub fn of_core(core: &Otf, wings: &[Otf], geometry: &Geometry) -> Self {
+    /// Of the light that stays close, such that together with what goes `far` none of it is
+    /// negative.
+    pub fn of_core(
+        core: &Otf,
+        far: impl Fn(f64) -> f64 + Send + Sync,
+        geometry: &Geometry,
+    ) -> Self {
         let close = Self::of(core, geometry);
-        let wide = |f: f64| wings.iter().map(|wing| (wing.at)(f)).sum::<f64>();
-        let far = Otf { at: Box::new(wide), ..*core };
-        let far = Self::of(&far, geometry);
+        let at = |f: f64| (core.at)(f) + far(f);
+        let total_otf = Otf { at: Box::new(at), ..*core };
+        let far = Self::of(&Otf { at: Box::new(&far), ..*core }, geometry);
         let mut total = Self::sum(&[(1.0, &close), (1.0, &far)]);
-        if total.negative(geometry) <= MAX_NEGATIVE {
+        if total.negative(geometry.layout) <= MAX_NEGATIVE {
             return close;
         }
-        let at = |f: f64| (core.at)(f) + wide(f);
-        total = Self::integrated(&Otf { at: Box::new(at), ..*core }, geometry);
+        total = Self::integrated(&total_otf, geometry);
         Self::sum(&[(1.0, &total), (-1.0, &far)])
     }
 
@@ -92,12 +101,21 @@ impl Kernel {
         &self.0
     }
 
+    /// All of its light.
+    pub fn light(&self, layout: &Layout) -> f64 {
+        self.total(layout, |v| v)
+    }
+
     /// The light below 0.
-    fn negative(&self, geometry: &Geometry) -> f64 {
-        let twice =
-            |i: usize| if i == 0 && geometry.layout.support() % 2 == 1 { 1.0 } else { 2.0 };
+    fn negative(&self, layout: &Layout) -> f64 {
+        self.total(layout, |v| (-v).max(0.0))
+    }
+
+    /// The sum over all its values.
+    fn total(&self, layout: &Layout, of: impl Fn(f64) -> f64) -> f64 {
+        let twice = |i: usize| if i == 0 && layout.support() % 2 == 1 { 1.0 } else { 2.0 };
         let row = |(y, row): (usize, &Vec<f64>)| -> f64 {
-            row.iter().enumerate().map(|(x, v)| twice(x) * twice(y) * (-v).max(0.0)).sum()
+            row.iter().enumerate().map(|(x, v)| twice(x) * twice(y) * of(*v)).sum()
         };
         self.0.iter().enumerate().map(row).sum()
     }
@@ -121,7 +139,7 @@ impl Kernel {
                 sharpened(&sharpened(&light, support), support)
             }
         };
-        let total: f64 = values.iter().sum();
+        let total = values.iter().sum::<f64>() / (otf.at)(0.0);
         let half = support.div_ceil(2);
         let rows = values.chunks_exact(support).skip(support - half);
         let quarter = |row: &[f64]| row[support - half..].iter().map(|v| v / total).collect();

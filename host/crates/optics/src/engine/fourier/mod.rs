@@ -15,7 +15,7 @@ mod transfer;
 
 use super::SensorGrid;
 use super::sampling::Layout;
-use super::source::Source;
+use super::source::Rows;
 use camrig_base::{Error, Plane, Result};
 use camrig_fourier::lanes::{Fft, Lanes, Real, Split};
 use camrig_vector::vectorised;
@@ -53,18 +53,19 @@ pub struct Buffers {
     wide: Spectrum<f64>,
 }
 
-/// Renders `source` through a kernel: mean radiance over each pixel's photosensitive square.
+/// Blurs the cells of `rows` through a kernel: mean radiance over each pixel's photosensitive
+/// square.
 ///
 /// # Errors
 /// Those of the scene, and values that are not finite.
 pub fn blur(
-    source: &Source,
+    rows: &Rows<'_>,
     kernel: Kernel,
     layout: &Layout,
     buffers: &mut Buffers,
 ) -> Result<Plane<f32>> {
     let blurs = Blurs::new(layout, vec![vec![kernel]]);
-    Ok(blurs.run(std::slice::from_ref(source), buffers)?.remove(0))
+    Ok(blurs.run(&[rows], buffers)?.remove(0))
 }
 
 /// Blur of several inputs into several outputs, each pair by a transfer function of its own:
@@ -128,8 +129,8 @@ impl Blurs {
     ///
     /// # Errors
     /// Those of the scene, and values that are not finite.
-    pub fn run(&self, sources: &[Source], buffers: &mut Buffers) -> Result<Vec<Plane<f32>>> {
-        if let Some(planes) = self.through(&self.narrow, sources, &mut buffers.narrow, false)? {
+    pub fn run(&self, inputs: &[&Rows<'_>], buffers: &mut Buffers) -> Result<Vec<Plane<f32>>> {
+        if let Some(planes) = self.through(&self.narrow, inputs, &mut buffers.narrow, false)? {
             return Ok(planes);
         }
         let wide = self.wide.get_or_init(|| {
@@ -139,7 +140,7 @@ impl Blurs {
             }
             wide
         });
-        let planes = self.through(wide, sources, &mut buffers.wide, true)?;
+        let planes = self.through(wide, inputs, &mut buffers.wide, true)?;
         planes.ok_or_else(|| Error::internal("no arithmetic for a scene"))
     }
 
@@ -147,7 +148,7 @@ impl Blurs {
     fn through<T: Real>(
         &self,
         transfers: &Transfers<T>,
-        sources: &[Source],
+        inputs: &[&Rows<'_>],
         spectrum: &mut Spectrum<T>,
         accepts_wide: bool,
     ) -> Result<Option<Vec<Plane<f32>>>> {
@@ -155,8 +156,8 @@ impl Blurs {
         let outputs = 0..transfers.all.len();
         let empty = || outputs.clone().map(|_| Split::zeros(layout.padded_height)).collect();
         let mut sums: Vec<Vec<Split<T>>> = aliases.batches.iter().map(|_| empty()).collect();
-        for (input, source) in sources.iter().enumerate() {
-            let range = spectrum.fill(source, aliases, layout)?;
+        for (input, rows) in inputs.iter().enumerate() {
+            let range = spectrum.fill(rows, aliases, layout)?;
             if range.is_wide() && !accepts_wide {
                 return Ok(None);
             }

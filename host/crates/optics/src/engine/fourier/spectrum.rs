@@ -2,7 +2,7 @@
 
 use crate::engine::range::Range as Values;
 use crate::engine::sampling::Layout;
-use crate::engine::source::Source;
+use crate::engine::source::Rows;
 use camrig_base::{Error, Result};
 use camrig_fourier::lanes::{Fft, LANES, Lanes, Real, Split, transpose};
 use camrig_vector::vectorised;
@@ -77,12 +77,12 @@ impl<T> Default for Spectrum<T> {
 }
 
 impl<T: Real> Spectrum<T> {
-    /// Transforms the rows of a scene on the cells of `layout`, in place of those before; the
+    /// Transforms the rows of the cells of `layout`, in place of those before; the
     /// range of its values.
     ///
     /// # Errors
     /// Those of the scene, and values that are not finite.
-    pub fn fill(&mut self, source: &Source, aliases: &Aliases, layout: &Layout) -> Result<Values> {
+    pub fn fill(&mut self, rows: &Rows<'_>, aliases: &Aliases, layout: &Layout) -> Result<Values> {
         let (across, down) = (layout.cells_across(), layout.cells_down());
         let fft = Fft::<T>::new(across);
         let strip = aliases.all.len() * STRIP;
@@ -97,8 +97,7 @@ impl<T: Real> Spectrum<T> {
         let ranges = strips.enumerate().map_init(
             || (Split::zeros(across), Split::zeros(across)),
             |(data, scratch), (i, (re, im))| -> Result<Values> {
-                let rows = STRIP.min(down - i * STRIP);
-                let cells = source.rows(i * STRIP, rows)?;
+                let cells = rows(i * STRIP, STRIP.min(down - i * STRIP))?;
                 check(&cells.data)?;
                 for (block, rows) in cells.data.chunks(BLOCK * across).enumerate() {
                     load_rows(rows, data);

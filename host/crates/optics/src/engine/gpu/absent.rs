@@ -1,6 +1,7 @@
 //! Graphics processors in a program built without the feature `gpu`: none can be opened.
 
-use super::varying::{Kernels, Rows, Tiling};
+use super::source::Rows;
+use super::varying::{Kernels, Tiling};
 use camrig_base::{Error, ErrorCode, Plane, Result};
 
 /// None.

@@ -1,6 +1,7 @@
 //! One band on the graphics processor, a few rows of pixels at a time.
 
-use super::super::varying::{Kernels, Rows, Tiling};
+use super::super::source::Rows;
+use super::super::varying::{Kernels, Tiling};
 use super::Gpu;
 use camrig_base::{Error, ErrorCode, Plane, Result};
 use pulp::bytemuck::cast_slice;

@@ -129,14 +129,17 @@ fn irradiance_agrees_with_another_program() {
 #[test]
 fn uniform_scenes_come_out_as_equation_7_says() {
     let scene = Exact { bands: one_band(550.0), average: |_: &Grid, _, _| 2.0 };
-    let grid = SensorGrid { width: 50, height: 31, pitch_um: 2.2, fill_factor: 0.6 };
     let mut lens = perfect(2.8);
     lens.magnification = 0.1;
     lens.transmittance = Spectrum::constant(0.8);
-    let plane = &render(&scene, &lens, &grid, &Options::default())[0];
     let expected = PI * 2.0 * 0.8 / (1.0 + 4.0 * (2.8f64 * 1.1).powi(2));
-    for &e in &plane.data {
-        assert!((f64::from(e) / expected - 1.0).abs() < 2e-6, "{e} instead of {expected}");
+    // Cells that resolve the light and such that do not; of a small frame, 1 % of it goes beyond.
+    for (width, height, pitch_um, fill_factor) in [(50, 31, 2.2, 0.6), (4, 3, 6.0, 1.0)] {
+        let grid = SensorGrid { width, height, pitch_um, fill_factor };
+        let plane = &render(&scene, &lens, &grid, &Options::default())[0];
+        for &e in &plane.data {
+            assert!((f64::from(e) / expected - 1.0).abs() < 2e-6, "{e} instead of {expected}");
+        }
     }
 }
 
@@ -211,8 +214,8 @@ impl Lens for GaussianOtf {
         let cutoff_per_mm = 1.3e3 / sigma;
         if !self.table {
             let at = move |f: f64| libm::exp(-2.0 * (PI * f * sigma * 1e-3).powi(2));
-            let core = Otf { cutoff_per_mm, spread_um: 5.0 * sigma, at: Box::new(at) };
-            return Blur::Otf { core, wings: Vec::new() };
+            let (spread_um, at) = (5.0 * sigma, Box::new(at));
+            return Blur::Otf(Otf { cutoff_per_mm, spread_um, tail_um: 0.0, at });
         }
         let (size, spacing_um) = (65, 0.2 * sigma);
         let value = |k: usize| {
@@ -448,15 +451,12 @@ fn light_far_from_an_edge_is_what_diffraction_spreads() {
             let sum: f64 = table.iter().map(|(f, v)| v * (2.0 * PI * f * d_mm).sin()).sum();
             0.5 - sum / PI * cutoff / f64::from(steps)
         };
-        // What the core folds, a tenth of the tail beyond 32 λN, what the first wings do, a
-        // hundredth, and all of the tail beyond where the last end, a frame away or at 256 times
-        // as much.
+        // What cells cost the core, a tenth of the tail beyond 32 λN; and what lies further than
+        // the frame is wide each way: outside a square, √2 of what lies beyond a line.
         let lambda_n_um = 0.55 * f_number;
-        let core_um = 32.0 * lambda_n_um + defocus_um / (2.0 * f_number);
         let tail_beyond = |x_um: f64| 2.0 * lambda_n_um / (PI.powi(3) * x_um);
         let bound = 0.1 * tail_beyond(32.0 * lambda_n_um)
-            + 0.01 * tail_beyond(16.0 * core_um)
-            + tail_beyond((256.0 * core_um).min(400.0 * grid.pitch_um));
+            + 2.0f64.sqrt() * tail_beyond(400.0 * grid.pitch_um);
         for pixels in [5usize, 10, 20, 40, 80, 120, 160] {
             let theory = tail((pixels as f64 + 0.5) * grid.pitch_um * 1e-3);
             let found = f64::from(plane.at(200 + pixels, 4)) / lens.steradians(550.0);
@@ -465,5 +465,65 @@ fn light_far_from_an_edge_is_what_diffraction_spreads() {
             );
             assert!((found - theory).abs() < bound, "{found} instead of {theory}, bound {bound}");
         }
+    }
+}
+
+/// A pixel of radiance 1e6 in the dark: the one in column `i` and row `j` of `grid`.
+fn pixel_of_light(
+    grid: &SensorGrid,
+    i: f64,
+    j: f64,
+) -> impl Fn(&Grid, usize, usize) -> f64 + Send + Sync + use<> {
+    let (width, height) = (grid.width as f64, grid.height as f64);
+    let share = move |from: f64, cell: f64, at: f64| {
+        ((from + cell).min((at + 1.0) / width) - from.max(at / width)).max(0.0) / cell
+    };
+    move |g, x, y| {
+        let u = g.left + 0.5 + x as f64 * g.cell;
+        let v = g.top + 0.5 * height / width + y as f64 * g.cell;
+        1e6 * share(u, g.cell, i) * share(v, g.cell, j)
+    }
+}
+
+#[test]
+fn wings_of_a_lamp_are_the_tail_wherever_it_is() {
+    // At nine places, in steps of 5 and 11 pixels. The closed form is λN/(π³r³) per area, the
+    // mean over the rings of Airy; over the squares of lamp and pixel, of variance 1/12 each way,
+    // the mean is 9/12·r⁻² of that more, r in pixels.
+    let grid = SensorGrid { width: 500, height: 401, pitch_um: 2.2, fill_factor: 1.0 };
+    // Octaves of distance, from half of the core on.
+    const OCTAVES: usize = 6;
+    for f_number in [1.0, 1.4, 2.8, 4.0, 10.0] {
+        let lens = perfect(f_number);
+        let lambda_n = 0.55 * f_number / grid.pitch_um;
+        let core = (32.0 * lambda_n).max(8.0);
+        let (mut found, mut theory, mut worst) = ([0.0f64; OCTAVES], [0.0f64; OCTAVES], 0.0f64);
+        for (i, j) in (0..9).map(|k| ([245.0, 250.0, 256.0][k % 3], [195.0, 200.0, 206.0][k / 3]))
+        {
+            let scene = Exact { bands: one_band(550.0), average: pixel_of_light(&grid, i, j) };
+            let plane = &render(&scene, &lens, &grid, &Options::default())[0];
+            for (k, e) in plane.data.iter().enumerate() {
+                let r = libm::hypot((k % 500) as f64 - i, (k / 500) as f64 - j);
+                let light = f64::from(*e) / lens.steradians(550.0);
+                let tail = 1e6 * lambda_n / (PI * r).powi(3) * (1.0 + 0.75 / (r * r));
+                if r > 0.5 * core && r < 190.0 {
+                    let octave = libm::log2(2.0 * r / core) as usize;
+                    found[octave] += light;
+                    theory[octave] += tail;
+                }
+                // The core is blurred within a square of 4 pixels more on each side.
+                if r > 2.0f64.sqrt() * (core + 5.0) {
+                    worst = worst.max((light / tail - 1.0).abs());
+                }
+            }
+        }
+        let octaves = found.iter().zip(&theory).filter(|(_, theory)| **theory > 0.0);
+        let mean = octaves.fold(0.0f64, |m, (found, theory)| m.max((found / theory - 1.0).abs()));
+        println!(
+            "f/{f_number}: {:.2} % of a pixel, {:.2} % of an octave",
+            1e2 * worst,
+            1e2 * mean
+        );
+        assert!(worst < 0.01 && mean < 0.01, "f/{f_number}: {worst}, {mean}");
     }
 }

@@ -32,7 +32,7 @@ fn planes_are_those_of_the_revision() {
             }
         }
     }
-    let right = (4, 17_844_230_110_250_366_399);
+    let right = (5, 12_985_769_360_371_309_380);
     assert_eq!(
         (REVISION, digest),
         right,

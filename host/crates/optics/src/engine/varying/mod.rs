@@ -23,6 +23,7 @@
 mod tile;
 
 use super::range::Range as Values;
+use super::source::Rows;
 use camrig_base::{Plane, Result};
 use camrig_fourier::lanes::{LANES, Real, good_length, passes};
 use rayon::prelude::*;
@@ -122,9 +123,6 @@ impl Tiling {
         ((i as f64 + 0.5) / self.tile as f64) as f32
     }
 }
-
-/// Rows `first..first + count` of a cell grid.
-pub type Rows<'a> = dyn Fn(usize, usize) -> Result<Plane<f32>> + Sync + 'a;
 
 impl Kernels {
     /// Σ weight · kernels: kernels of several bands combined into one set.
