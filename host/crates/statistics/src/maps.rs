@@ -162,7 +162,7 @@ pub fn maps(camera: &Camera, design: &Design, stacks: &[Temporal]) -> Vec<Map> {
 impl Maker<'_> {
     /// A map whose values lie on multiples of `step`; of 0, on no lattice.
     fn map(&self, kind: MapKind, plane: Plane<f32>, step: f64, even: bool) -> Map {
-        let spatial = describe(&plane, &self.channels, even, step);
+        let spatial = describe(&plane, &self.channels, even);
         let median = Spread::of(plane.data.clone(), step).median();
         Map { kind, spatial, even, median, after_image: None, plane }
     }

@@ -134,7 +134,7 @@ mod tests {
         }
         data.iter_mut().step_by(1777).for_each(|v| *v = 0.0);
         let plane = Plane { width: w, height: h, data };
-        let spatial = describe(&plane, &channels, even, 0.0);
+        let spatial = describe(&plane, &channels, even);
         let (kind, median, after_image) = (MapKind::Gain, 1.0, None);
         (Map { kind, spatial, even, median, after_image, plane }, channels)
     }

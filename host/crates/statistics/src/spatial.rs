@@ -6,7 +6,6 @@
 use super::lines::Lines;
 use super::temporal::covariance;
 use crate::data::channels::Channels;
-use crate::numerics::steps::Spread;
 use camrig_base::Plane;
 use camrig_base::median::{median, robust_sd};
 use camrig_linear::moments;
@@ -106,11 +105,11 @@ pub fn robust_sds(d: &[f32], channels: &Channels) -> Vec<f64> {
 }
 
 /// Decomposes a map. Where the light may be uneven (`even` false), rows and columns are high-pass
-/// filtered. Its values lie on multiples of `step`, in its unit; of 0, on no lattice.
-pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool, step: f64) -> Spatial {
+/// filtered.
+pub fn describe(map: &Plane<f32>, channels: &Channels, even: bool) -> Spatial {
     let (w, h) = (map.width, map.height);
     let mut d = map.data.clone();
-    let scale = Spread::of(d.clone(), step).robust_sd().max(1e-12);
+    let scale = sd_about_median(d.clone()).max(1e-12);
     let limit = (CLIP_OF_WHOLE_MAP * CLIP * scale) as f32;
     centre(&mut d, limit);
     let mut s =
@@ -362,7 +361,7 @@ mod tests {
             let noise: f32 = StandardNormal.sample(&mut rng);
             if (x * 31 + y * 57) % 331 == 0 { 500.0 } else { noise }
         });
-        let s = describe(&map, &channels_of(96), true, 0.0);
+        let s = describe(&map, &channels_of(96), true);
         // Of 9216 independent pixels 0.0104 each.
         assert!(s.correlation.iter().all(|c| c.abs() < 0.042), "{:?}", s.correlation);
         assert!(s.corners.iter().all(|c| c.abs() < 4.0 / 12.0), "{:?}", s.corners);
@@ -382,11 +381,11 @@ mod tests {
         let sd: Vec<f64> = (0..channels.count()).map(|c| if c == 0 { 5.0 } else { 1.0 }).collect();
         channels.change(&mut data, &sd, |v, sd| v * sd);
         let map = Plane { width: w, height: h, data };
-        let s = describe(&map, &channels, true, 0.0);
+        let s = describe(&map, &channels, true);
         assert_eq!((s.high, s.low), (0.0, 0.0));
         let mut weak = map;
         weak.data.iter_mut().step_by(1001).for_each(|v| *v -= 40.0);
-        let s = describe(&weak, &channels, true, 0.0);
+        let s = describe(&weak, &channels, true);
         // Rows and columns absorb a share of 1/w + 1/h; the noise of the mean is at most √(25/13).
         assert_eq!(s.low, 13.0);
         let share = 40.0 * (1.0 / w as f64 + 1.0 / h as f64);
@@ -425,7 +424,7 @@ mod tests {
                 })
                 .collect(),
         };
-        let s = describe(&map, &channels_of(w), true, 0.0);
+        let s = describe(&map, &channels_of(w), true);
         // Three standard errors of each estimate: slope √(4/n + 0.0625/w), variances √(2/lines).
         assert!((s.slopes[2] - 0.8).abs() < 3.0 * (4.0 / 49152.0f64 + 0.0725 / 256.0).sqrt());
         assert!(
@@ -442,7 +441,7 @@ mod tests {
             let wave = 3.0 * (y as f64 / h as f64 * std::f64::consts::TAU).sin() as f32;
             row.iter_mut().for_each(|v| *v += wave);
         }
-        let smooth = describe(&waved, &channels_of(w), false, 0.0);
+        let smooth = describe(&waved, &channels_of(w), false);
         assert!(
             (smooth.rows.variance / s.rows.variance - 1.0).abs() < 0.3,
             "{}",
@@ -450,8 +449,6 @@ mod tests {
         );
         assert!((smooth.pixel_variance / s.pixel_variance - 1.0).abs() < 1e-3);
         assert!(smooth.columns.periods[0] > 5.0);
-        assert!(
-            describe(&waved, &channels_of(w), true, 0.0).rows.variance > 3.0 * s.rows.variance
-        );
+        assert!(describe(&waved, &channels_of(w), true).rows.variance > 3.0 * s.rows.variance);
     }
 }
