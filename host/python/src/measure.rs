@@ -66,8 +66,7 @@ pub fn mtf(
         let given =
             regions.iter().map(|&[x, y, width, height]| edges::Roi { x, y, width, height });
         let regions: Vec<edges::Roi> = given.collect();
-        let found = edges::edges(&planes, &cfa, &letters, &regions, pitch_um, |_| ())?;
-        figure::object(&json!({ "edges": found }))
+        figure::object(&edges::edges(&planes, &cfa, &letters, &regions, pitch_um)?)
     });
     Ok(json!(found.or_raise()?).to_string())
 }

@@ -5,10 +5,9 @@ use super::{PageArgs, plus_minus};
 use crate::arguments::positive;
 use camrig_base::{Error, Plane, Result};
 use camrig_measure::figure;
-use camrig_measure::mtf::{self, Edge, Roi};
+use camrig_measure::mtf::{self, Edge, Excluded, Roi};
 use camrig_report as report;
 use clap::Args as ClapArgs;
-use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -41,8 +40,7 @@ pub struct MtfArgs {
 pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
     let (first, planes) = args.open()?;
     let letters = first.letters(&args.channel)?;
-    let note = |note: &str| eprintln!("note: {note}");
-    let edges = mtf::edges(&planes, &first.cfa, &letters, &args.roi, args.pitch_um, note)
+    let found = mtf::edges(&planes, &first.cfa, &letters, &args.roi, args.pitch_um)
         .map_err(|e| match args.roi.is_empty() {
             true => e.help("with --roi X,Y,WIDTH,HEIGHT, the reason is reported"),
             false => e,
@@ -51,12 +49,14 @@ pub fn mtf_of(args: &MtfArgs) -> Result<ExitCode> {
     let files = args.frames.len();
     let more = if files > 1 { format!(" and {} more", files - 1) } else { String::new() };
     let name = format!("{}{more}", args.frames[0].display());
-    args.page.write(|| report::measurement::mtf(&name, &edges).html())?;
+    args.page.write(|| report::measurement::mtf(&name, &found).html())?;
+    for Excluded { channel, roi: Roi { x, y, width, height }, reason } in &found.excluded {
+        eprintln!("note: channel {channel} at {x},{y},{width},{height} is excluded: {reason}");
+    }
     if args.json {
-        let edges = json!({ "edges": edges });
-        println!("{}", serde_json::Value::Object(figure::object(&edges)?));
+        println!("{}", serde_json::Value::Object(figure::object(&found)?));
     } else {
-        edges.iter().for_each(|edge| args.print(edge));
+        found.edges.iter().for_each(|edge| args.print(edge));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -176,7 +176,8 @@ fn figures(result: &ptc::Ptc) -> Table {
 }
 
 /// The page of slanted edges.
-pub fn mtf(name: &str, edges: &[mtf::Edge]) -> Page {
+pub fn mtf(name: &str, found: &mtf::Responses) -> Page {
+    let edges = &found.edges;
     let mut page = Page::new("Slanted-edge response");
     page.kind("Measurement")
         .subtitle(&format!("{name} · ISO 12233:2023, applied to raw channels"));
@@ -220,6 +221,11 @@ pub fn mtf(name: &str, edges: &[mtf::Edge]) -> Page {
         ]
     }));
     page.rows(&table);
+    for mtf::Excluded { channel, roi, reason } in &found.excluded {
+        let mtf::Roi { x, y, width, height } = roi;
+        let channel = capitalised(channel);
+        page.note(&format!("{channel} at {x},{y},{width},{height} has no response: {reason}."));
+    }
     page.small(
         "Value ± standard error: of a response from a jackknife over tenths of the rows, of MTF50 \
          from that or the noise of the sides over the slope of the response, or from the spread \

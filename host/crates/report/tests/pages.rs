@@ -161,7 +161,8 @@ fn edges() -> String {
     let plane = Plane { width: frame.width, height: frame.height, data: frame.data.clone() };
     let roi = Roi { x: 20, y: 10, width: 80, height: 80 };
     let of = |c| mtf::measure(&plane, &frame.cfa, c, roi, Some(1023), Some(2.2)).unwrap();
-    measurement::mtf("edge.dng", &['R', 'G', 'B'].map(of)).html()
+    let edges = ['R', 'G', 'B'].map(of).into();
+    measurement::mtf("edge.dng", &mtf::Responses { edges, excluded: Vec::new() }).html()
 }
 
 fn transfer() -> String {

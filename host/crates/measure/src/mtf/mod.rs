@@ -182,19 +182,39 @@ pub fn measure(
     measure_frames(&[(frame, white_level_dn)], cfa, channel, roi, pitch_um)
 }
 
+/// What [`edges`] finds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Responses {
+    /// Channels that have a response, region by region.
+    pub edges: Vec<Edge>,
+    /// Those that have none.
+    pub excluded: Vec<Excluded>,
+}
+
+/// A channel without a response in a region.
+#[derive(Clone, Debug, Serialize)]
+pub struct Excluded {
+    /// Channel letter, lower case.
+    pub channel: String,
+    /// Region.
+    pub roi: Roi,
+    /// Why it has none.
+    pub reason: String,
+}
+
 /// The edges of frames in each of `channels`: in `regions`, or, where none is given, wherever the
-/// first frame has some. `note` is told what was found, and what was taken for an edge and is none.
+/// first frame has some.
 ///
 /// # Errors
-/// Those of [`measure_frames`] in a given region, no frame, no edge.
+/// No frame; where no channel has an edge, the first reason of those of [`measure_frames`] in a
+/// given region.
 pub fn edges(
     frames: &[(Plane<u16>, Option<u16>)],
     cfa: &Cfa,
     channels: &[char],
     regions: &[Roi],
     pitch_um: Option<f64>,
-    mut note: impl FnMut(&str),
-) -> Result<Vec<Edge>> {
+) -> Result<Responses> {
     let (first, white) =
         frames.first().ok_or_else(|| Error::input("no frames").help("provide one or more"))?;
     let searched = match (regions, channels) {
@@ -204,32 +224,32 @@ pub fn edges(
         }
         _ => Vec::new(),
     };
-    let mut edges = Vec::new();
+    let (mut edges, mut excluded, mut first_error) = (Vec::new(), Vec::new(), None);
     for &roi in regions.iter().chain(&searched) {
-        let Roi { x, y, width, height } = roi;
         for &channel in channels {
             match measure_frames(frames, cfa, channel, roi, pitch_um) {
                 Ok(edge) => edges.push(edge),
-                Err(e) if regions.is_empty() => note(&format!(
-                    "channel {channel} at {x},{y},{width},{height} is excluded: {}",
-                    e.what()
-                )),
-                Err(e) if regions.len() == 1 => return Err(e.at(format!("channel {channel}"))),
                 Err(e) => {
-                    let region = format!("channel {channel}, region {x},{y},{width},{height}");
-                    return Err(e.at(region));
+                    excluded.push(Excluded {
+                        channel: channel.to_ascii_lowercase().to_string(),
+                        roi,
+                        reason: e.what().to_owned(),
+                    });
+                    let Roi { x, y, width, height } = roi;
+                    first_error.get_or_insert(match regions.len() {
+                        1 => e.at(format!("channel {channel}")),
+                        _ => e.at(format!("channel {channel}, region {x},{y},{width},{height}")),
+                    });
                 }
             }
         }
     }
-    if edges.is_empty() {
-        return Err(Error::input("no slanted edge found")
-            .help("give the region of an edge, and the reason is reported"));
+    match first_error {
+        Some(e) if edges.is_empty() && !regions.is_empty() => Err(e),
+        _ if edges.is_empty() => Err(Error::input("no slanted edge found")
+            .help("give the region of an edge, and the reason is reported")),
+        _ => Ok(Responses { edges, excluded }),
     }
-    if regions.is_empty() {
-        note(&format!("slanted edges found in {} places", searched.len()));
-    }
-    Ok(edges)
 }
 
 /// [`measure`] over several frames of one edge, each with its white level, DN, where that is known.

@@ -628,3 +628,24 @@ fn errors_of_noisy_single_frames_reach_the_closed_form() {
     let least = 0.95 * determined as f64 - 2.0 * (0.95 * 0.05 * determined as f64).sqrt();
     assert!(inside as f64 > least, "{inside} of {determined}");
 }
+
+/// One channel without light: the others have their figures, and it has its reason.
+#[test]
+fn a_channel_without_an_edge_leaves_the_others_theirs() {
+    let mut image = frame(120, 120, &edge(120, 120, 4.0, 2.2, 5.0));
+    let cfa = Cfa::parse("RGGB").unwrap();
+    for y in (1..120).step_by(2) {
+        (1..120).step_by(2).for_each(|x| image.data[y * 120 + x] = 64);
+    }
+    let roi = whole(&image);
+    let frames = [(image, None)];
+    let of = |channels: &[char]| edges(&frames, &cfa, channels, &[roi], None);
+    let found = of(&['R', 'G', 'B']).unwrap();
+    let with: Vec<&str> = found.edges.iter().map(|e| &e.channel[..]).collect();
+    assert_eq!(with, ["r", "g"]);
+    let [without] = &found.excluded[..] else { panic!("{:?}", found.excluded) };
+    assert_eq!((&without.channel[..], without.roi), ("b", roi));
+    assert!(without.reason.contains("no edge"), "{}", without.reason);
+    let told = of(&['B']).unwrap_err().to_string();
+    assert!(told.contains("no edge") && told.contains("channel B"), "{told}");
+}
