@@ -23,7 +23,7 @@
 mod tile;
 
 use super::range::Range as Values;
-use super::source::Rows;
+pub use super::source::Rows;
 use camrig_base::{Plane, Result};
 use camrig_fourier::lanes::{LANES, Real, good_length, passes};
 use rayon::prelude::*;
