@@ -37,6 +37,14 @@ pub fn chi_square(ratio: f64, dof: f64) -> f64 {
     (libm::cbrt(ratio.max(0.0)) - (1.0 - v)) / v.sqrt()
 }
 
+/// Normal deviate of the ratio of two mean squares of one expectation, with so many degrees of
+/// freedom above and below: Fisher's F (Paulson 1942, Ann. Math. Stat. 13, 233; from three degrees
+/// below).
+pub fn variance_ratio(ratio: f64, [above, below]: [f64; 2]) -> f64 {
+    let (root, v, w) = (libm::cbrt(ratio.max(0.0)), 2.0 / (9.0 * above), 2.0 / (9.0 * below));
+    ((1.0 - w) * root - (1.0 - v)) / (v + w * root * root).sqrt()
+}
+
 /// χ² over its degrees of freedom ν where it is beyond chance: five standard deviations √(2ν) above
 /// its mean, a false alarm in some thousand sets of normal errors.
 ///
@@ -227,6 +235,20 @@ mod tests {
         {
             assert!((student(1.644_854, dof) - at_95).abs() < 1e-3, "{dof}");
             assert!((student(1.959_964, dof) - at_975).abs() < 2.5e-3, "{dof}");
+        }
+    }
+
+    #[test]
+    fn quantiles_of_fisher() {
+        // At 95, 99 and 99.9 % (Abramowitz & Stegun, table 26.9).
+        for (ratio, freedom, z) in [
+            (2.35, [10.0, 20.0], 1.645),
+            (3.37, [10.0, 20.0], 2.326),
+            (1.75, [15.0, 120.0], 1.645),
+            (2.78, [15.0, 120.0], 3.090),
+        ] {
+            // The table's last digit is 0.006 to 0.015 deviations.
+            assert!((variance_ratio(ratio, freedom) - z).abs() < 0.02, "{ratio} {freedom:?}");
         }
     }
 
