@@ -105,7 +105,8 @@ fn noise_follows_a_power_of_the_gain<A: Arith>() {
 /// The power spectrum of rows' offsets, octave by octave, against its closed form at heights near a
 /// power of two, far from one and odd, and that form against the law.
 fn row_correlated_noise<A: Arith>() {
-    // Most that the closed form is off the law, rms over ln f, as the effect's documentation has it.
+    // Most that the closed form is off the law, rms over ln f, as the effect's documentation has
+    // it.
     for (exponent, limit) in [(0.7, 0.05), (1.0, 0.08), (1.4, 0.17)] {
         for height in [75, 192, 256, 480, 1000] {
             let power = power_of_rows(f64::from(height), exponent);

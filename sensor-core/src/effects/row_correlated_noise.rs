@@ -16,12 +16,12 @@ effect! {
     /// other (s = ±1, Haar's wavelet). The first cell begins at a random row, and cells go on at
     /// the top of the frame where they reach its end; the rows beyond the last whole cell, H mod L,
     /// have none of that length. Cells of L rows have the part S_L of the variance, in proportion
-    /// to w_L L^(a−1), so that A_L² = S_L H/(H − H mod L); all parts together are σ². The weight w
-    /// is 1 for an octave, log2(H/2^K) for the part of one from 2^K to all rows, and 1 − 0.4 a for
-    /// two rows, which stand for still shorter cells near 1/2 cycle per row. At any height the
-    /// power density falls as f^−a from 1/2 cycle per row to one cycle per frame (from 128 rows on
-    /// within 5 % rms over ln f up to a = 0.7, 8 % at 1, 17 % at 1.4; steeper laws end in the f^−2
-    /// of steps), and the mean of a frame does not change. Slower noise belongs to
+    /// to w_L L^(a−1), so that A_L² = S_L H/(H − H mod L); all parts together are σ². The
+    /// weight w is 1 for an octave, log2(H/2^K) for the part of one from 2^K to all rows, and 1 −
+    /// 0.4 a for two rows, which stand for still shorter cells near 1/2 cycle per row. At any
+    /// height the power density falls as f^−a from 1/2 cycle per row to one cycle per frame (from
+    /// 128 rows on within 5 % rms over ln f up to a = 0.7, 8 % at 1, 17 % at 1.4; steeper laws end
+    /// in the f^−2 of steps), and the mean of a frame does not change. Slower noise belongs to
     /// `frame-offset-noise`, or is removed by the black-level clamp.
     ///
     /// Any row can be computed without the others, and frames are independent. Input-referred.
@@ -31,8 +31,8 @@ effect! {
     /// Source: Gardner 1978; Wornell 1993.
     ///
     /// Closed form: row means have variance σ² G^(2p), and at whole cycles per frame the power
-    /// spectrum G^(2p) Σ_L S_L 4 sin⁴(πfL/2)/(L sin² πf), f in cycles per row: the square of a
-    /// cell's Fourier transform over its length.
+    /// spectrum G^(2p) Σ_L S_L 4 sin⁴(πfL/2)/(L sin² πf), f in cycles per row: the square of
+    /// a cell's Fourier transform over its length.
     RowCorrelatedNoise, "row-correlated-noise", Voltage, Temporal, Pixel {
         /// Standard deviation of a row's offset
         sigma_e: "e-", 0.0..=1e5;

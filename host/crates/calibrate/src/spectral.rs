@@ -80,9 +80,10 @@ pub fn sensitivities(
     Ok(channels.row_iter().map(|row| row.iter().copied().collect()).collect())
 }
 
-/// How far signals are from those of the exitances that a chart's patches have, in the best case for
-/// the camera: the residual of [`sensitivities`] from them alone, rms over patches and channels,
-/// relative to the brightest patch of each channel. Infinite where a channel sees nothing.
+/// How far signals are from those of the exitances that a chart's patches have, in the best case
+/// for the camera: the residual of [`sensitivities`] from them alone, rms over patches and
+/// channels, relative to the brightest patch of each channel. Infinite where a channel sees
+/// nothing.
 pub(crate) fn unexplained(
     exitances: &[Vec<f64>],
     signals: &[Vec<f64>],

@@ -90,8 +90,8 @@ impl Parts {
         self.behind.z() > CERTAIN && self.before.z() < MAX_CHANCE
     }
 
-    /// The weighted line through variances over the square of the gain.
-    fn of(points: &[(f64, Value)]) -> Option<Self> {
+    /// The weighted line through variances over the square of the gain; none of a single gain.
+    pub fn of(points: &[(f64, Value)]) -> Option<Self> {
         let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for (x, v) in points {
             let weight = v.std_error.max(f64::MIN_POSITIVE.sqrt()).powi(2).recip();

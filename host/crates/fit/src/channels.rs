@@ -2,9 +2,9 @@
 //!
 //! Of the mean frame, each pixel over the mean of its site, the means of columns less what is smooth
 //! over twice sixteen columns, in which every such pattern averages out, have a mean mⱼ over the
-//! columns of each of sixteen classes. Σ (mⱼ/s)² over its degrees of freedom, s from the scatter
-//! within the classes, is Fisher's F where they do not differ; the channels are as few as leave no
-//! more than chance to sixteen.
+//! columns of each of sixteen classes. Σ (mⱼ/s)² over its degrees of freedom, s from the
+//! scatter within the classes, is Fisher's F where they do not differ; the channels are as few as
+//! leave no more than chance to sixteen.
 
 use camrig_base::Value;
 use camrig_base::tails::variance_ratio;
@@ -135,17 +135,9 @@ fn clipped_variance(mut values: Vec<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::normal;
     use camrig_base::Plane;
     use camrig_captures::Role;
-
-    /// A normal deviate: the sum of twelve uniform ones of a linear congruential generator.
-    fn normal(state: &mut u64) -> f64 {
-        let mut uniform = || {
-            *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (*state >> 11) as f64 / (1u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    }
 
     /// Columns with gains of their own of 0.02 %, in a flat that falls to one side, and channels.
     fn stack(level: f64, gains: &[f64]) -> Stack {

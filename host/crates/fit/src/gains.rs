@@ -179,6 +179,7 @@ pub fn law(places: &[Place], variances: &[Value]) -> Option<Law> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::normal;
 
     fn places(analog: &[f64]) -> Vec<Place> {
         analog.iter().enumerate().map(|(i, g)| Place { analog: *g, of: vec![i] }).collect()
@@ -214,15 +215,6 @@ mod tests {
         }
         // Of three places two steps fit: what no pair fits has no law.
         assert!(law(&places[..3], &measured(&two, &places[..3], 2)).is_none());
-    }
-
-    /// A normal deviate, from a linear congruential generator: the sum of twelve uniform ones.
-    fn normal(state: &mut u64) -> f64 {
-        let mut uniform = || {
-            *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (*state >> 11) as f64 / (1u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
     }
 
     /// Variances known to 1 %: of two hundred sensors with one law none has a step, and of two

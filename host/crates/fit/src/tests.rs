@@ -7,6 +7,15 @@ use camrig_capture::{plan, take};
 use camrig_captures::Role;
 use std::path::PathBuf;
 
+/// A normal deviate: the sum of twelve uniform ones of a linear congruential generator.
+pub(crate) fn normal(state: &mut u64) -> f64 {
+    let mut uniform = || {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (*state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+}
+
 /// A camera by its keys, and effects in TOML.
 fn camera(keys: &[&str], effects: &str) -> Camera {
     let common = ["sensor.pitch_um=3.0", "sensor.bits=12"];

@@ -130,8 +130,8 @@ mod tests {
 
     /// Over 400 draws of 2000 values the quantiles scatter by as much as they say, and about those
     /// of the normal law: of normal values, and of means of sixteen codes with noise of 1 DN, which
-    /// have steps of 1/16 and, spread, the variance (1 + 1/12)/16 + 1/3072. That density is not even
-    /// within steps moves their quantiles by a quarter of the scatter at most, and so adds 3 %.
+    /// have steps of 1/16 and, spread, the variance (1 + 1/12)/16 + 1/3072. That density is not
+    /// even within steps moves their quantiles by a quarter of the scatter at most: 3 % more.
     #[test]
     fn a_quantile_is_as_uncertain_as_it_says() {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(4);

@@ -4,8 +4,8 @@
 //! With v the variance of dark pixels over frames (DN²), K the system gain (DN/e⁻), primes what
 //! the model predicts and ⟨ ⟩ inverse-variance means:
 //!
-//!   read noise: r² = r₀² + ⟨(v − v')/K²⟩, e⁻², over the dark stacks with little dark charge; of
-//!               several gains G the line (v − v')/K² = a + b/G², b behind the gain;
+//!   read noise: r² = r₀² + ⟨(v − v')/K²⟩, e⁻², over the dark stacks with little dark
+//!               charge; of several gains G the line (v − v')/K² = a + b/G², b behind the gain;
 //!   its spread: Var(r²) = r⁴ g (g − 1), g = exp(4 s²), from the scatter of the pixels' variances
 //!               beyond that of χ²;
 //!   its tails:  the λ of Tukey's law with the excess kurtosis of the dark residuals;
@@ -24,7 +24,7 @@ use crate::statistics::statistic::{Place, What};
 use camrig_base::Value;
 use camrig_base::median::median;
 use camrig_captures::Role;
-use camrig_linear::{LeastSquares, Matrix, Vector};
+use camrig_estimates::gains::Parts;
 use camrig_sensor_core::effects::{Effect, read_noise::ReadNoise};
 
 /// Dark charge, in variances of read noise, below which a dark stack shows read noise: an error of
@@ -83,31 +83,26 @@ pub fn read_noise(e: &Evidence<'_>) -> Option<Proposal> {
     Some(Proposal::new("read-noise", effect, excess.z().abs()).with("read_e", s))
 }
 
-/// Both parts by least squares, from what stacks at gains G have more than the model, e⁻²: that of
-/// the part before the gain and 1/G² of that behind it. None of a single gain.
+/// Both parts, from what stacks at gains G have more than the model, e⁻²; none of a single gain.
 fn read_noise_and_part(e: &Evidence<'_>, excess: &[(f64, Value)]) -> Option<Proposal> {
-    let (lowest, highest) =
-        excess.iter().fold((f64::INFINITY, 0.0), |(l, h), (gain, _)| (gain.min(l), gain.max(h)));
-    (highest > lowest).then_some(())?;
-    let weight = |i: usize| excess[i].1.std_error.recip();
-    let row =
-        |i: usize, c: usize| weight(i) * if c == 0 { 1.0 } else { excess[i].0.powi(2).recip() };
-    let target = Vector::from_fn(excess.len(), |i, _| excess[i].1.value * weight(i));
-    let line = LeastSquares::of(&Matrix::from_fn(excess.len(), 2, row), &target)?;
+    let at_unity = excess.iter().map(|(gain, v)| (gain * gain, v.scaled(gain * gain)));
+    let points: Vec<(f64, Value)> = at_unity.collect();
+    let more = Parts::of(&points)?;
     let noise = &e.camera.sensor.noise;
-    let [before, behind] = [line.coefficients[0], line.coefficients[1]];
-    let post = (noise.read_e_post.powi(2) + behind).max(0.0);
-    let pre = (noise.read_e.powi(2) - noise.read_e_post.powi(2) + before).max(0.0);
-    let c = &line.covariance;
+    let post = (noise.read_e_post.powi(2) + more.behind.value).max(0.0);
+    let pre = (noise.read_e.powi(2) - noise.read_e_post.powi(2) + more.before.value).max(0.0);
     let root = |variance: f64, error: f64| {
-        let error = error.sqrt();
         Value::new(variance.sqrt(), 0.5 * error / variance.sqrt().max(error.sqrt()))
     };
-    let whole = root(pre + post, c[(0, 0)] + c[(1, 1)] + 2.0 * c[(0, 1)]);
-    let post = root(post, c[(1, 1)]);
+    let whole = root(pre + post, more.at_unity.std_error);
+    let post = root(post, more.behind.std_error);
     let effect = ReadNoise { read_e: whole.value as f32, read_e_post: post.value as f32 };
     // χ² of no change less that of the change.
-    let strength = (target.norm_squared() - line.chi2).max(0.0).sqrt();
+    let gained = points.iter().map(|(square, v)| {
+        let left = v.value - more.before.value * square - more.behind.value;
+        v.z().powi(2) - (left / v.std_error).powi(2)
+    });
+    let strength = gained.sum::<f64>().max(0.0).sqrt();
     let proposal = Proposal::new("read-noise", effect.into(), strength);
     Some(proposal.with("read_e", whole).with("read_e_post", post))
 }

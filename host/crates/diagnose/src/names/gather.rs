@@ -16,8 +16,8 @@ use rayon::prelude::*;
 const MAX_SAMPLES: usize = 1 << 25;
 /// Seed of the simulated frames, apart from those of replicates.
 const FRAMES_SEED: u64 = SEED + 500;
-/// Samples from which a model's gains of sites are taken: one simulation of small frames scatters as
-/// much as the captures do, and hides what they show. Chosen: two seconds of one processor.
+/// Samples from which a model's gains of sites are taken: one simulation of small frames scatters
+/// as much as the captures do, and hides what they show. Chosen: two seconds of one processor.
 const MIN_SIMULATED: usize = 1 << 21;
 /// Most simulations: with eight, the model adds a sixteenth to the error of a difference.
 const MAX_SIMULATIONS: usize = 8;

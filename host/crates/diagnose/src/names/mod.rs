@@ -4,8 +4,9 @@
 //! model simulates under the same conditions. An effect stands out where the two differ by
 //! [`MIN_DEVIATION`] standard errors, so that what a model has already, the converter's rounding
 //! and the bias of an estimator cancel. Of small frames the model's gains of sites are means over
-//! several simulations, whose own scatter would hide a difference. Against the model as given this gives proposals; against
-//! the improved model it tells what the effects that were named have explained.
+//! several simulations, whose own scatter would hide a difference. Against the model as given this
+//! gives proposals; against the improved model it tells what the effects that were named have
+//! explained.
 
 mod effects;
 mod gather;

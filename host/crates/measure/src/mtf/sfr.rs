@@ -106,9 +106,9 @@ impl Spread {
         0.5 * self.dn.len() as f64 * self.bin
     }
 
-    /// The step's height, DN; signed, with its error by noise. Tails of diffraction fall as 1/x², so
-    /// that as much lies beyond X as between X/2 and X; where noise hides them, the difference of
-    /// the outer halves' means has less of it.
+    /// The step's height, DN; signed, with its error by noise. Tails of diffraction fall as 1/x²,
+    /// so that as much lies beyond X as between X/2 and X; where noise hides them, the difference
+    /// of the outer halves' means has less of it.
     fn height(&self, lsf: &[f64]) -> Value {
         let count = self.dn.len();
         let outer = |i: &usize| self.place(*i).abs() > 0.5 * self.half();

@@ -1,15 +1,15 @@
 //! Order statistics of values that lie on a lattice, as means of few whole numbers do.
 //!
-//! Means of n codes are multiples of 1/n: their median and quantiles stay on one of these or jump to
-//! the next, so that they either do not scatter at all or by many times what a law without steps
+//! Means of n codes are multiples of 1/n: their median and quantiles stay on one of these or jump
+//! to the next, so that they either do not scatter at all or by many times what a law without steps
 //! would let them. Here a value stands for everything within half a step of it, at an even density:
 //! the grouped quantile. With p of the values below and f the density that is spread over the step,
-//! its variance over samples of n is p (1 − p)/(n f²), as for a law without steps; quantiles of the
-//! mid-distribution, which are as good, are treated by Ma, Genton & Parzen 2011, "Asymptotic
+//! its variance over samples of n is p (1 − p)/(n f²), as for a law without steps; quantiles of
+//! the mid-distribution, which are as good, are treated by Ma, Genton & Parzen 2011, "Asymptotic
 //! properties of sample quantiles of discrete distributions", Ann. Inst. Stat. Math. 63, 227.
 //!
-//! Limits: spreading adds step²/12 to the variance of the law, and where its density f changes within
-//! a step, a quantile is off by up to step² |f′|/(8 f).
+//! Limits: spreading adds step²/12 to the variance of the law, and where its density f changes
+//! within a step, a quantile is off by up to step² |f′|/(8 f).
 
 use camrig_base::median::robust_sd;
 

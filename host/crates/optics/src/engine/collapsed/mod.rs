@@ -25,7 +25,7 @@ mod varying_field;
 use super::field::FallOff;
 use super::fourier::{self, Blurs, Buffers, Kernel};
 use super::sampling::Layout;
-use super::source::{Rows, Source, Warp};
+use super::source::{Source, Warp};
 use super::wide::{Ring, Wide};
 use super::{Blur, Border, Lens, Options, Otf, Report, SensorGrid, cells_per_pixel};
 use camrig_base::{Bands, Error, Plane, Result};
@@ -216,7 +216,6 @@ impl Part {
                     .iter()
                     .map(|s| |first: usize, count: usize| s.rows(first, count))
                     .collect();
-                let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
                 let mut planes = blur.run(&rows, buffers)?;
                 let light = |&component: &usize| {
                     wide.light(|ring, cells| {
@@ -227,7 +226,6 @@ impl Part {
                 let light = used.iter().map(light).collect::<Result<Vec<_>>>()?;
                 for (k, (ring, (_, blur))) in wide.rings.iter().zip(&*rings).enumerate() {
                     let rows: Vec<_> = light.iter().map(|rings| ring.rows(&rings[k])).collect();
-                    let rows: Vec<&Rows<'_>> = rows.iter().map(|r| r as &Rows<'_>).collect();
                     let far = blur.run(&rows, buffers)?;
                     planes.iter_mut().zip(&far).for_each(|(sum, far)| ring.add_to(sum, far));
                 }

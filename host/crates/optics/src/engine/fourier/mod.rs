@@ -129,7 +129,12 @@ impl Blurs {
     ///
     /// # Errors
     /// Those of the scene, and values that are not finite.
-    pub fn run(&self, inputs: &[&Rows<'_>], buffers: &mut Buffers) -> Result<Vec<Plane<f32>>> {
+    pub fn run<R>(&self, inputs: &[R], buffers: &mut Buffers) -> Result<Vec<Plane<f32>>>
+    where
+        R: Fn(usize, usize) -> Result<Plane<f32>> + Sync,
+    {
+        let inputs: Vec<&Rows<'_>> = inputs.iter().map(|rows| rows as &Rows<'_>).collect();
+        let inputs = inputs.as_slice();
         if let Some(planes) = self.through(&self.narrow, inputs, &mut buffers.narrow, false)? {
             return Ok(planes);
         }
