@@ -2,7 +2,7 @@
 
 use camrig_base::Cfa;
 use camrig_base::output;
-use camrig_base::{Error, Result};
+use camrig_base::{Dn, Error, Result};
 use camrig_formats::{self as formats, Facts, Format, Frames, PixelFormat, csi2, png, preview};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -17,6 +17,7 @@ use std::process::ExitCode;
   camrig convert frame.dng frame_2048x1536_SGRBG10P.raw --hint
   camrig convert stack.npy stack.csi2 --bits 10
   camrig convert frame_640x480_SRGGB12P.raw frame.dng --black 64
+  camrig convert captured.csi2 captured.npy --damaged
   camrig convert frame.dng - --to SGRBG10 | ffplay -f rawvideo -pixel_format bayer_grbg16le \\
       -video_size 2048x1536 -vf format=rgb48le,lutrgb=r=val*64:g=val*64:b=val*64 -
   camrig convert - frame.dng --from SGRBG10 --width 2048 --height 1536 --black 42 < pixels")]
@@ -70,6 +71,10 @@ pub struct Args {
     /// CSI-2 output where the input is of another format [default: 0]
     #[arg(long, value_name = "VC")]
     virtual_channel: Option<u8>,
+    /// CSI-2 input: convert it although packets are damaged or missing, and say which; lines that are
+    /// lost are zero
+    #[arg(long)]
+    damaged: bool,
     /// Print commands that read headerless output with ffmpeg, GStreamer and V4L2
     #[arg(long)]
     hint: bool,
@@ -81,6 +86,11 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let bytes = formats::read_bytes(&args.input)?;
+    if args.damaged && !is_packets(&bytes) {
+        return Err(Error::input("--damaged of input that is no CSI-2 stream")
+            .at(args.input.display())
+            .help("leave it out"));
+    }
     if let Some(frames) = wide_frames(args, &bytes)? {
         return convert_wide(args, frames);
     }
@@ -150,12 +160,23 @@ fn wide_frames(args: &Args, bytes: &[u8]) -> Result<Option<Frames<u32>>> {
         return Ok(None);
     }
     let at = |e: Error| e.at(args.input.display());
-    match args.virtual_channel.filter(|_| is_packets(bytes)) {
-        None => formats::wide::decode(bytes).map_err(at),
-        Some(channel) => {
-            let frames = csi2::decode_channel::<u32>(bytes, channel).map_err(at)?;
-            Ok(Some(frames).filter(|frames| frames.facts.bits > Some(u16::BITS)))
-        }
+    match is_packets(bytes) {
+        false => formats::wide::decode(bytes).map_err(at),
+        true => csi2::is_wide(bytes).then(|| packets(args, bytes).map_err(at)).transpose(),
+    }
+}
+
+/// The frames of a stream of packets.
+fn packets<S: Dn>(args: &Args, bytes: &[u8]) -> Result<Frames<S>> {
+    let stream = match args.damaged {
+        true => csi2::decode_damaged(bytes)?,
+        false => csi2::decode_stream(bytes)
+            .map_err(|e| e.help("--damaged converts what is there, with what is lost as zero"))?,
+    };
+    stream.faults.iter().for_each(|fault| eprintln!("warning: {fault}"));
+    match args.virtual_channel {
+        Some(channel) => stream.channel(channel),
+        None => stream.only(),
     }
 }
 
@@ -193,11 +214,10 @@ fn frame_of<T>(mut planes: Vec<T>, index: usize) -> Result<T> {
 }
 
 fn read(args: &Args, bytes: &[u8]) -> Result<Frames> {
-    let channel = args.virtual_channel.filter(|_| is_packets(bytes));
-    let frames = match channel {
-        _ if is_headerless_input(args) => headerless(args, bytes),
-        Some(channel) => csi2::decode_channel(bytes, channel),
-        None => formats::decode(bytes),
+    let frames = match () {
+        () if is_headerless_input(args) => headerless(args, bytes),
+        () if is_packets(bytes) => packets(args, bytes),
+        () => formats::decode(bytes),
     };
     let mut frames = frames.map_err(|e| e.at(args.input.display()))?;
     let facts = &mut frames.facts;

@@ -61,6 +61,11 @@ impl LiveFrames {
         self.encoder.set_camera(figures);
     }
 
+    /// Whether frames are written as packets of CSI-2.
+    pub fn has_packets(&self) -> bool {
+        self.encoder.has_packets()
+    }
+
     /// Refuses frames that the format cannot hold.
     pub fn check(&self, like: &RawFrame) -> Result<()> {
         self.encoder.check(like)

@@ -314,7 +314,7 @@ pub fn serve(
     let sensor = sensor(&mut rig, args, &camera, pattern, *place.ip(), fps)?;
     let bound_to_rate = changes && camera.sensor.timing.is_none();
     let frames = RigFrames::new(&cubes, &sensors, Some(&mut lights), args.collapse)
-        .with_faults(args.faults.open(&sensors[0], false)?);
+        .with_faults(args.faults.open(&sensors[0], false, false)?);
     frames.begin(&mut rig)?;
     let mut source = Source {
         camera: &camera,

@@ -2,8 +2,8 @@
 
 use super::scene_lights::{NextLight, SceneLights};
 use crate::stop::Stoppable;
-use camrig_base::Result;
 use camrig_base::output::LiveOutput;
+use camrig_base::{Error, Result};
 use camrig_exposure::IrradianceCube;
 use camrig_render::SimulatedSensor;
 use camrig_rig::{Faults, FrameRequest, Mirror, Rig, RigFrame, feed::Feed};
@@ -21,7 +21,8 @@ pub struct FaultArgs {
     /// Schedule of faults: lines such as `17: drop`, `100-130: freeze`, `140: row 30 corrupt` and
     /// `every 50 from 200: late 4 ms`, by the number of the frame from 0. Others: repeat; black;
     /// white; rows 10-19 lost; bit errors 1e-5; stuck counter; stuck registers (what is written
-    /// before the frame is lost)
+    /// before the frame is lost). Of CSI-2 packets: row 30 ecc 1 (one wrong bit in its header), ecc
+    /// 2, crc, no packet, short, word count, channel, data type; no frame start; no frame end
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
     /// Write what the schedule did to each frame, a JSON object on a line
@@ -41,10 +42,21 @@ impl FaultArgs {
         self.faults.is_some()
     }
 
-    /// The faults of a sensor's frames; an existing log is replaced only with `force`.
-    pub fn open(&self, sensor: &SimulatedSensor, force: bool) -> Result<Option<Injection>> {
+    /// The faults of a sensor's frames, which go out as packets or not; an existing log is replaced
+    /// only with `force`.
+    pub fn open(
+        &self,
+        sensor: &SimulatedSensor,
+        as_packets: bool,
+        force: bool,
+    ) -> Result<Option<Injection>> {
         let Some(path) = &self.faults else { return Ok(None) };
         let faults = Faults::load(path, sensor.config.height)?;
+        if let (false, Some(fault)) = (as_packets, faults.of_packets()) {
+            return Err(Error::input(format!("{fault:?} of frames that are no packets"))
+                .at(path.display())
+                .help("it shows in CSI-2 alone: camrig rig stream ... -o FILE.csi2"));
+        }
         let log = self.fault_log.as_ref().map(|path| LiveOutput::create(path, force));
         Ok(Some(Injection { faults, log: log.transpose()? }))
     }

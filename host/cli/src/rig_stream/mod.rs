@@ -320,7 +320,8 @@ impl Stream<'_> {
         let args = self.args;
         let by_registers = args.by_registers || script.is_some();
         let period = times::frame_period(self.camera, args.fps)?;
-        let injection = args.faults.open(&self.sensors[0], args.force)?;
+        let as_packets = output.as_ref().is_some_and(Output::has_packets);
+        let injection = args.faults.open(&self.sensors[0], as_packets, args.force)?;
         let mut frames =
             RigFrames::new(self.cubes, self.sensors, scene, args.collapse).with_faults(injection);
         let bar = arguments::frames_bar(self.count);

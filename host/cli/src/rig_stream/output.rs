@@ -83,9 +83,15 @@ impl Output {
             number: Some(number),
             embedded: vec![frame.embedded_line()],
             line_packets: true,
+            damage: frame.damage.clone(),
             time_s: Some(time_s),
         };
         self.frames.write(&self.readout.of(frame.to_raw(sensor)?)?, &beside)
+    }
+
+    /// Whether frames are written as packets of CSI-2.
+    pub fn has_packets(&self) -> bool {
+        self.frames.has_packets()
     }
 
     /// Refuses an output that received no frame.

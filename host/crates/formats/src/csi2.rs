@@ -7,18 +7,25 @@
 //! virtual channels; RAW16, RAW20 and RAW24 of v2.0, whose samples are sent as two of half the
 //! bits, the upper half first, packed as RAW8, RAW10 and RAW12 are.
 //!
-//! The reader takes virtual channels apart, corrects single-bit errors of packet headers, as the
-//! ECC allows, and refuses worse ones and payloads with a wrong CRC.
+//! The reader takes virtual channels apart and corrects single-bit errors of packet headers, as the
+//! ECC allows. Whatever else is wrong, packets or their order, it names by frame and row; it goes
+//! on behind it, and gives the frames as a receiver would have them where they are asked for.
+//! [`damage`] makes each of these faults.
 
+mod damage;
 mod embedded;
 mod packet;
 mod read;
 mod write;
 
+pub use damage::{Damage, damage};
 pub use embedded::{Embedded, address};
-pub use packet::{Packet, Packets, checksum, ecc};
-pub use read::{Channel, Stream, decode, decode_channel, decode_stream};
-pub(super) use read::{is_stream, is_wide};
+pub use packet::{Fault, Found, Packet, Packets, checksum, ecc};
+pub(super) use read::is_stream;
+pub use read::{
+    Channel, Damaged, Stream, Wrong, decode, decode_channel, decode_damaged, decode_stream,
+    is_wide,
+};
 pub use write::{Options, Sent, encode, encode_together, encode_with};
 
 use camrig_base::{Dn, Result};

@@ -33,6 +33,8 @@ pub struct Beside {
     pub embedded: Vec<Vec<u8>>,
     /// Whether Line Start and Line End packets enclose every image line.
     pub line_packets: bool,
+    /// What happens to the packets of CSI-2.
+    pub damage: Vec<csi2::Damage>,
     /// When the frame began, s from the stream's begin, for formats that say it; from the frame
     /// rate where not given.
     pub time_s: Option<f64>,
@@ -84,6 +86,11 @@ impl LiveEncoder {
     #[cfg(feature = "mcap")]
     pub fn set_camera(&mut self, figures: CameraInfo) {
         self.camera = Some(figures);
+    }
+
+    /// Whether the format is packets of CSI-2.
+    pub fn has_packets(&self) -> bool {
+        self.format == Format::Csi2
     }
 
     /// Whether the format holds the figures of a camera.
@@ -153,7 +160,8 @@ impl LiveEncoder {
         let bytes = match &self.format {
             Format::Csi2 => {
                 let options = beside.options(counted);
-                csi2::encode_with(&Frames::from_raw(frame), &options)?
+                let bytes = csi2::encode_with(&Frames::from_raw(frame), &options)?;
+                csi2::damage(&bytes, &beside.damage)?
             }
             Format::Y4m => {
                 let mut bytes = match self.count {
@@ -300,12 +308,14 @@ mod tests {
             number: Some(7),
             embedded: vec![csi2::Embedded::of_frame(0.01, 1.0, 1).line(10)],
             line_packets: true,
+            damage: vec![csi2::Damage::HeaderBit(1)],
             ..Beside::default()
         };
         let stream = csi2::decode_stream::<u16>(&encoder.encode(&frame("RGGB"), &beside).unwrap());
         let stream = stream.unwrap();
         assert_eq!(stream.channels[0].frame_numbers, [7]);
         assert_eq!(stream.channels[0].embedded, [beside.embedded]);
+        assert_eq!((stream.faults.len(), stream.faults[0].row), (1, Some(1)));
     }
 
     #[test]

@@ -91,6 +91,8 @@ pub struct RigFrame {
     pub raw_row: RawRow,
     /// The frame was dropped, as requested in the rig's fault register: there are no rows.
     pub dropped: bool,
+    /// What happens to its packets where it is written as CSI-2.
+    pub damage: Vec<csi2::Damage>,
     /// Exposure in lines, if it came from the registers of a rig with a line time.
     pub lines: Option<u16>,
     /// Registers that were restored, because the rig had other values after its link broke: it
@@ -476,6 +478,7 @@ impl Rig {
                         receipts,
                         raw_row,
                         dropped,
+                        damage: Vec::new(),
                         lines,
                         restored,
                     });

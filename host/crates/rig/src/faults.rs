@@ -10,10 +10,12 @@
 //! 250-260: stuck counter
 //! ```
 //! Faults act on frames as they come from a rig, in the order of the schedule, so that every
-//! output shows them. Random bits are drawn by the number of the frame: the same in every run.
+//! output shows them; those of packets show where a frame is written as packets of CSI-2. Random
+//! bits are drawn by the number of the frame: the same in every run.
 
 use super::RigFrame;
 use camrig_base::{Error, Result};
+use camrig_formats::csi2::Damage;
 use camrig_rig_link::packing::{WrongSize, pack_row, unpack_row};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
@@ -24,7 +26,10 @@ use std::time::Duration;
 /// What a schedule may say, for messages.
 const FRAMES: &str = "17, 100-130 or every 50 from 200";
 const KNOWN: &str = "drop; freeze; repeat; black; white; row N corrupt; row N lost; rows A-B lost; \
-                     bit errors RATE; stuck counter; stuck registers; late N ms";
+                     bit errors RATE; stuck counter; stuck registers; late N ms; and of CSI-2: \
+                     row N ecc 1; row N ecc 2; row N crc; row N no packet; row N short; \
+                     row N word count; row N channel; row N data type; no frame start; \
+                     no frame end";
 
 /// The frames of an entry.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,6 +72,8 @@ enum What {
     StuckRegisters,
     /// It is delivered later.
     Late(Duration),
+    /// One of its packets is damaged.
+    Packet(Damage),
 }
 
 /// An entry of a schedule.
@@ -114,6 +121,7 @@ impl Faults {
             let last_row = match &what {
                 What::CorruptRow(row) => *row,
                 What::LostRows(rows) => *rows.end(),
+                What::Packet(damage) => damage.row().unwrap_or(0),
                 _ => 0,
             };
             if last_row >= rows {
@@ -123,6 +131,12 @@ impl Faults {
             Ok(Entry { when, what, text: what_text.trim().to_string() })
         });
         Ok(Self { entries: entries.collect::<Result<_>>()?, previous: None })
+    }
+
+    /// The first fault that shows in packets of CSI-2 alone, in words.
+    pub fn of_packets(&self) -> Option<&str> {
+        let of_packets = |entry: &&Entry| matches!(entry.what, What::Packet(_));
+        self.entries.iter().find(of_packets).map(|entry| &*entry.text)
     }
 
     /// Whether what is written before a frame is lost; who writes asks.
@@ -192,6 +206,7 @@ fn act(
     match what {
         // Who delivers the frame waits.
         What::Late(_) => {}
+        What::Packet(damage) => taken.damage.push(*damage),
         What::Freeze | What::Repeat | What::StuckCounter | What::StuckRegisters => {}
         What::Drop => (taken.dropped, taken.packed) = (true, Vec::new()),
         What::Filled { high } => {
@@ -291,7 +306,25 @@ fn what(text: &str) -> Option<What> {
         }
         ["stuck", "counter"] => What::StuckCounter,
         ["stuck", "registers"] => What::StuckRegisters,
+        ["row", row, ref rest @ ..] => What::Packet(of_row(rest)?(number(row)?)),
+        ["no", "frame", "start"] => What::Packet(Damage::NoFrameStart),
+        ["no", "frame", "end"] => What::Packet(Damage::NoFrameEnd),
         ["late", ms, "ms"] => What::Late(Duration::from_millis(number(ms)?.into())),
+        _ => return None,
+    })
+}
+
+/// What happens to the packet of a row.
+fn of_row(words: &[&str]) -> Option<fn(u32) -> Damage> {
+    Some(match words {
+        ["ecc", "1"] => Damage::HeaderBit,
+        ["ecc", "2"] => Damage::HeaderBits,
+        ["crc"] => Damage::Checksum,
+        ["no", "packet"] => Damage::NoPacket,
+        ["short"] => Damage::Short,
+        ["word", "count"] => Damage::WordCount,
+        ["channel"] => Damage::VirtualChannel,
+        ["data", "type"] => Damage::DataType,
         _ => return None,
     })
 }
@@ -324,9 +357,9 @@ mod tests {
             test_pattern: 0,
             fault: Fault::None,
         };
-        let (dropped, receipts, lines, restored) = (false, None, None, None);
+        let (dropped, receipts, lines, restored, damage) = (false, None, None, None, Vec::new());
         let raw_row = RawRow { packing, rows: 1, halves: false };
-        RigFrame { start, packed, receipts, raw_row, dropped, lines, restored }
+        RigFrame { start, packed, receipts, raw_row, dropped, damage, lines, restored }
     }
 
     /// Samples of the first column, counter and faults in words; no samples of a dropped frame.
@@ -373,6 +406,23 @@ mod tests {
         assert_eq!(at(41), whole(41, 41, "late 70 ms, stuck registers"));
         let delays = [39, 40, 41].map(|frame| faults.delay(frame).as_millis());
         assert_eq!(delays, [0, 71, 70]);
+    }
+
+    #[test]
+    fn faults_of_packets_are_for_who_writes_them() {
+        let text = "1: row 2 ecc 1; 1: row 0 crc; 1: no frame end; 2: row 1 no packet";
+        let mut faults = Faults::parse(text, 4).unwrap();
+        assert_eq!(faults.of_packets(), Some("row 2 ecc 1"));
+        assert_eq!(Faults::parse("1: row 2 lost", 4).unwrap().of_packets(), None);
+        let mut damage = |number: u16| {
+            let mut frame = frame(number);
+            faults.apply(number.into(), &mut frame, (COLUMNS, BITS)).unwrap();
+            frame.damage
+        };
+        let all = [Damage::HeaderBit(2), Damage::Checksum(0), Damage::NoFrameEnd];
+        assert_eq!([damage(1), damage(2)], [all.to_vec(), vec![Damage::NoPacket(1)]]);
+        let said = Faults::parse("1: row 4 ecc 2", 4).unwrap_err().to_string();
+        assert!(said.contains("4 rows"), "{said}");
     }
 
     /// 4 rows of 80 bits at a rate of 0.1 are 32 bits; some bit may be inverted twice.

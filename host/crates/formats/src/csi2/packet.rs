@@ -1,7 +1,6 @@
 //! Packets: header with error-correcting code, payload with checksum.
 
 use super::data_type;
-use crate::truncated;
 use camrig_base::{Error, Result};
 
 /// One packet.
@@ -15,8 +14,6 @@ pub struct Packet<'a> {
     pub value: u16,
     /// Payload of a long packet, empty for a short one.
     pub payload: &'a [u8],
-    /// Whether a bit of the header was corrected.
-    pub corrected: bool,
 }
 
 /// Parity of the header's 24 bits for each of the six ECC bits (CSI-2 v1.3, table 6).
@@ -51,7 +48,62 @@ fn correct(header: [u8; 4]) -> Option<([u8; 3], bool)> {
     Some((fixed, true))
 }
 
-/// Iterator over the packets of a stream; ends after the first error.
+/// What stands at a place of a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Found<'a> {
+    /// Its place, bytes from the begin.
+    pub at: usize,
+    /// The packet, unless it is lost.
+    pub packet: Option<Packet<'a>>,
+    /// What is wrong with it.
+    pub fault: Option<Fault>,
+}
+
+/// What is wrong with a packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// A bit of the header, which its code corrects.
+    HeaderBit,
+    /// More bits of the header: the packet is lost.
+    Header {
+        /// Bytes up to the next packet.
+        lost: usize,
+    },
+    /// The checksum of the payload does not hold.
+    Checksum,
+    /// The next packet does not follow where the header says: the packet is lost.
+    WordCount {
+        /// Bytes of the payload by the header.
+        stated: usize,
+        /// Bytes up to the next packet.
+        lost: usize,
+    },
+    /// The stream ends within the packet.
+    Truncated {
+        /// Bytes that are missing.
+        missing: usize,
+    },
+}
+
+impl Packet<'_> {
+    /// Bytes of the whole packet.
+    pub(super) fn bytes(&self) -> usize {
+        match self.data_type < data_type::FIRST_LONG {
+            true => HEADER,
+            false => HEADER + self.payload.len() + FOOTER,
+        }
+    }
+}
+
+/// Bytes of a header, and of the checksum after a payload.
+const HEADER: usize = 4;
+const FOOTER: usize = 2;
+/// Headers in a row, each where the one before says, from which packets are believed to begin where
+/// none was expected: the code of one holds by chance once in 256 places.
+const HEADERS_IN_A_ROW: usize = 4;
+
+/// Iterator over the packets of a stream. After a packet that is lost it goes on with the first
+/// place from which packets follow one another; the lanes of a link mark that place, bytes do not.
 pub struct Packets<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -63,44 +115,91 @@ impl<'a> Packets<'a> {
         Self { bytes, at: 0 }
     }
 
-    fn read(&mut self) -> Result<Packet<'a>> {
+    /// Whether packets follow one another from a place, up to the end or for long enough.
+    pub(super) fn begin_at(&self, mut at: usize) -> bool {
+        let mut before = None;
+        for _ in 0..HEADERS_IN_A_ROW {
+            let header = self.bytes.get(at..).and_then(<[u8]>::first_chunk::<HEADER>);
+            let sound = header.and_then(|header| correct(*header)).filter(|(_, wrong)| !wrong);
+            let Some(([id, low, high], _)) = sound else { return false };
+            at += HEADER;
+            if id & 0x3F >= data_type::FIRST_LONG {
+                at += usize::from(u16::from_le_bytes([low, high])) + FOOTER;
+            } else if before == header {
+                // Zeros are Frame Starts; no sender repeats one.
+                return false;
+            }
+            if at == self.bytes.len() {
+                return true;
+            }
+            before = header;
+        }
+        true
+    }
+
+    /// Where packets go on after a header, and whether what lies between is a payload whose checksum
+    /// holds; the end of the stream if nowhere. By chance the last bytes of a payload are a short
+    /// packet's header, so that the second place counts too.
+    fn next_begin(&self, header: usize) -> (usize, bool) {
+        let begin = header + HEADER;
+        let longest = begin + usize::from(u16::MAX) + FOOTER;
+        let places = begin..self.bytes.len().min(longest);
+        let mut begins = places.filter(|&at| self.begin_at(at)).take(2).peekable();
+        let first = *begins.peek().unwrap_or(&self.bytes.len());
+        let holds = |at: &usize| {
+            let end = at.checked_sub(FOOTER).filter(|end| *end > begin);
+            end.is_some_and(|end| {
+                checksum(&self.bytes[begin..end]).to_le_bytes() == self.bytes[end..*at]
+            })
+        };
+        begins.find(holds).map_or((first, false), |at| (at, true))
+    }
+
+    /// What stands at the present place, and where the next packet begins.
+    fn read(&self) -> (Option<Packet<'a>>, Option<Fault>, usize) {
         let rest = &self.bytes[self.at..];
-        let short = || truncated(self.at + rest.len() + 1, self.bytes.len());
-        let header = rest.first_chunk::<4>().ok_or_else(short)?;
-        let ([id, low, high], corrected) = correct(*header).ok_or_else(|| {
-            Error::input("a CSI-2 packet header with more than one wrong bit")
-                .help("the stream is damaged, or no CSI-2 packet stream")
-        })?;
+        let cut = |needed: usize| {
+            let missing = needed - rest.len();
+            (None, Some(Fault::Truncated { missing }), self.bytes.len())
+        };
+        let Some(header) = rest.first_chunk::<HEADER>() else { return cut(HEADER) };
+        let Some(([id, low, high], corrected)) = correct(*header) else {
+            let (next, _) = self.next_begin(self.at);
+            return (None, Some(Fault::Header { lost: next - self.at }), next);
+        };
         let value = u16::from_le_bytes([low, high]);
         let (virtual_channel, data_type) = (id >> 6, id & 0x3F);
-        let mut payload = &rest[..0];
-        if data_type >= data_type::FIRST_LONG {
-            let length = usize::from(value);
-            payload = rest.get(4..4 + length).ok_or_else(short)?;
-            let footer = rest.get(4 + length..6 + length).ok_or_else(short)?;
-            if checksum(payload).to_le_bytes() != footer {
-                return Err(Error::input("a CSI-2 payload whose checksum does not hold"));
-            }
-            self.at += length + 2;
+        let mut packet = Packet { virtual_channel, data_type, value, payload: &rest[..0] };
+        let fault = corrected.then_some(Fault::HeaderBit);
+        if data_type < data_type::FIRST_LONG {
+            return (Some(packet), fault, self.at + HEADER);
         }
-        self.at += 4;
-        Ok(Packet { virtual_channel, data_type, value, payload, corrected })
+        let stated = usize::from(value);
+        let whole = HEADER + stated + FOOTER;
+        let end = self.at + whole;
+        packet.payload = rest.get(HEADER..HEADER + stated).unwrap_or_default();
+        let footer = rest.get(HEADER + stated..whole);
+        if footer == Some(&checksum(packet.payload).to_le_bytes()) {
+            return (Some(packet), fault, end);
+        }
+        let (next, is_payload) = self.next_begin(self.at);
+        let goes_on = footer.is_some() && (end == self.bytes.len() || self.begin_at(end));
+        match () {
+            () if goes_on && !is_payload => (Some(packet), Some(Fault::Checksum), end),
+            () if next == self.bytes.len() && footer.is_none() => cut(whole),
+            () => (None, Some(Fault::WordCount { stated, lost: next - self.at }), next),
+        }
     }
 }
 
 impl<'a> Iterator for Packets<'a> {
-    type Item = Result<Packet<'a>>;
+    type Item = Found<'a>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.at >= self.bytes.len() {
-            return None;
-        }
         let at = self.at;
-        let packet = self.read().map_err(|e| e.at(format!("byte {at}")));
-        if packet.is_err() {
-            self.at = self.bytes.len();
-        }
-        Some(packet)
+        let (packet, fault, next) = (at < self.bytes.len()).then(|| self.read())?;
+        self.at = next;
+        Some(Found { at, packet, fault })
     }
 }
 
@@ -112,9 +211,16 @@ pub(super) struct Writer {
 
 impl Writer {
     pub fn short(&mut self, virtual_channel: u8, data_type: u8, value: u16) {
+        let begin = self.bytes.len();
+        self.bytes.extend([0; HEADER]);
+        self.header(begin, virtual_channel, data_type, value);
+    }
+
+    /// Writes a header where bytes are.
+    pub fn header(&mut self, at: usize, virtual_channel: u8, data_type: u8, value: u16) {
         let id = virtual_channel << 6 | data_type;
         let [low, high] = value.to_le_bytes();
-        self.bytes.extend([id, low, high, ecc(id, value)]);
+        self.bytes[at..at + HEADER].copy_from_slice(&[id, low, high, ecc(id, value)]);
     }
 
     pub fn long(&mut self, virtual_channel: u8, data_type: u8, payload: &[u8]) -> Result<()> {
