@@ -7,7 +7,7 @@
 use camrig::Plane;
 use camrig::camera::Camera;
 use camrig::exposure::hdr::HdrSensor;
-use camrig::exposure::{CubeHeader, IrradianceWriter, SimulatedSensor};
+use camrig::exposure::{Arithmetic, CubeHeader, IrradianceWriter, SimulatedSensor};
 use camrig_benches::sensor::{
     SETTINGS, chain, collected_rows, config, cube, frame, means, rows, spectral_config,
 };
@@ -158,8 +158,8 @@ fn several_captures() {
     });
     let sensor = HdrSensor::in_light(&camera, &cube.header, 1.0).expect("valid camera");
     let four = megapixels_per_s(pixels, || {
-        let frame = sensor.frame(&SETTINGS, |_, sensor, own| sensor.frame(&cube, own));
-        black_box(sensor.sent(frame.expect("a frame"), 1.0));
+        let frame = sensor.frame(&[&cube], None, &SETTINGS, Arithmetic::F32);
+        black_box(frame.expect("a frame"));
     });
     println!("{width} x {height}, from one band of light, all threads:");
     println!("  one capture       {one:8.1} Mpixel/s");

@@ -43,6 +43,19 @@ pub struct Line {
     pub end: i64,
 }
 
+impl Line {
+    /// The code of a linear number that is on it.
+    #[inline(always)]
+    pub fn code(&self, x: i64) -> i64 {
+        let above = self.from + x * self.rise;
+        // Most lines are as wide as a power of two: a shift is a division that rounds down.
+        match self.run & (self.run - 1) {
+            0 => above >> self.run.trailing_zeros(),
+            _ => above.div_euclid(self.run),
+        }
+    }
+}
+
 /// A curve of straight lines from linear numbers to codes.
 ///
 /// Between the knees (x_i, y_i) and (x_j, y_j) the code of x is ⌊(y_i Δx + (x − x_i) Δy)/Δx⌋, with
@@ -107,10 +120,7 @@ impl Curve {
     /// The code of a linear number.
     #[inline(always)]
     pub fn code(&self, x: i64) -> i64 {
-        let Line { from, rise, run, .. } = self.line_at(x);
-        let above = from + x * rise;
-        // Most segments are as wide as a power of two: a shift is a division that rounds down.
-        if run & (run - 1) == 0 { above >> run.trailing_zeros() } else { above.div_euclid(run) }
+        self.line_at(x).code(x)
     }
 
     /// The line that a linear number is on.
@@ -172,7 +182,12 @@ impl Companding {
     /// The code of a linear signal, DN: that of the curve with its pedestal, within its bits.
     #[inline(always)]
     pub fn code(&self, linear: u32) -> u16 {
-        let code = self.curve.code(i64::from(linear) - i64::from(self.subtract_dn));
+        self.sent(self.curve.code(i64::from(linear) - i64::from(self.subtract_dn)))
+    }
+
+    /// What is sent of a code of the curve: that with the pedestal, within its bits.
+    #[inline(always)]
+    pub fn sent(&self, code: i64) -> u16 {
         let max = (1 << u32::from(self.bits).min(16)) - 1;
         (code + i64::from(self.pedestal_dn)).clamp(0, max) as u16
     }

@@ -4,9 +4,7 @@ use crate::common::BANDS;
 use camrig::Plane;
 use camrig::camera::Camera;
 use camrig::exposure::hdr::{HdrSensor, Sent};
-use camrig::render::{
-    Arithmetic, CubeHeader, FrameOptions, IrradianceCube, IrradianceWriter, SimulatedSensor,
-};
+use camrig::render::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter};
 use camrig::rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
 use camrig_testing::hdr;
@@ -53,12 +51,8 @@ fn same(here: &Sent, there: &Sent) -> bool {
 /// What this process sends under a light that all captures see, or that of each.
 fn here(sensor: &HdrSensor, cubes: &[&IrradianceCube], request: &FrameRequest) -> Sent {
     let FrameRequest { settings, arithmetic, lit_before, .. } = *request;
-    let take = |i: usize, one: &SimulatedSensor, own: &_| {
-        let cube = *cubes.get(i).unwrap_or(&cubes[0]);
-        let before = lit_before.then_some(cube);
-        one.frame_with(cube, own, FrameOptions { before, traps: None, arithmetic })
-    };
-    sensor.sent(sensor.frame(&settings, take).unwrap(), settings.analog_gain)
+    let before = lit_before.then_some(cubes);
+    sensor.frame(cubes, before, &settings, arithmetic).unwrap()
 }
 
 fn compare_frame(

@@ -2,15 +2,16 @@
 
 mod rows;
 
-use super::CubeHeader;
-use super::sensor::SimulatedSensor;
+use super::sensor::{Arithmetic, Inputs, ROWS_PER_TASK, SimulatedSensor};
+use super::{CubeHeader, IrradianceCube};
 use camrig_base::{Dn, Error, RawFrame, Result};
 use camrig_camera::Camera;
 use camrig_camera::hdr::{Hdr, HdrOutput};
 use camrig_sensor_core::config::FrameSettings;
 use camrig_sensor_core::effects::Needs;
-use camrig_sensor_core::hdr::{Companding, MAX_CAPTURES, Output, Readout};
+use camrig_sensor_core::hdr::{MAX_CAPTURES, Merge, Output, Readout};
 use rayon::prelude::*;
+use rows::Compander;
 
 /// A camera with `[sensor.hdr]`, set up for cubes of given bands: each capture a sensor, and what
 /// is made of their codes.
@@ -18,6 +19,8 @@ pub struct HdrSensor {
     sensors: Vec<SimulatedSensor>,
     hdr: Hdr,
     readout: Readout,
+    /// Of the camera's curve, where it has one.
+    compander: Option<Compander>,
 }
 
 impl HdrSensor {
@@ -41,7 +44,8 @@ impl HdrSensor {
         let captures = (0..hdr.captures.len()).filter_map(|i| camera.of_capture(i));
         let sensors = captures.map(|camera| SimulatedSensor::in_light(&camera, header, light));
         let readout = hdr.readout();
-        Ok(Self { sensors: sensors.collect::<Result<_>>()?, hdr, readout })
+        let compander = hdr.companding.as_ref().map(Compander::new);
+        Ok(Self { sensors: sensors.collect::<Result<_>>()?, hdr, readout, compander })
     }
 
     /// What the camera's file says of its captures.
@@ -64,7 +68,7 @@ impl HdrSensor {
     pub fn on_curve(&self, sent: Sent) -> Sent {
         let is_due = self.hdr.output == HdrOutput::Companded
             && matches!(self.readout.output, Output::Linear);
-        let curve = self.hdr.companding.as_ref().filter(|_| is_due);
+        let curve = self.compander.as_ref().filter(|_| is_due);
         match (curve, sent) {
             (Some(curve), Sent::Wide(frame)) => Sent::Merged(companded(curve, frame)),
             (Some(curve), Sent::Merged(frame)) => Sent::Merged(companded(curve, frame)),
@@ -82,63 +86,41 @@ impl HdrSensor {
         &self.sensors
     }
 
-    /// The codes of the captures of one frame, in the camera's order: `take` exposes the sensor of a
-    /// capture, whose position it gets, with settings of its own.
+    /// What the sensor sends of a frame under `now`: light that all captures see, or that of each.
+    /// `before` is that of the frame before; darkness without it.
     ///
     /// # Errors
-    /// Windows of a photodiode that overlap at this exposure; those of `take`.
+    /// Windows of a photodiode that overlap at this exposure; settings out of range or beyond the
+    /// arithmetic; irradiance that cannot be read.
     pub fn frame(
         &self,
+        now: &[&IrradianceCube],
+        before: Option<&[&IrradianceCube]>,
         settings: &FrameSettings,
-        mut take: impl FnMut(usize, &SimulatedSensor, &FrameSettings) -> Result<RawFrame>,
-    ) -> Result<Vec<RawFrame>> {
+        arithmetic: Arithmetic,
+    ) -> Result<Sent> {
         self.hdr.check_exposure(settings.exposure_s.into())?;
         let captures = self.sensors.iter().zip(&self.hdr.captures).enumerate();
-        captures
-            .map(|(i, (sensor, capture))| take(i, sensor, &self.hdr.settings(capture, settings)))
-            .collect()
-    }
-
-    /// The samples that `of_row` makes of the merged signal, linear DN, of each row.
-    fn merged<S: Clone + Default + Send>(
-        &self,
-        captures: &[RawFrame],
-        of_row: impl Fn(&[u32], &mut [S]) + Sync,
-    ) -> Vec<S> {
-        let (width, pixels) = captures.first().map_or((1, 0), |f| (f.width, f.data.len()));
-        let mut samples = vec![S::default(); pixels];
-        let rows = samples.par_chunks_mut(width.max(1)).enumerate();
-        rows.for_each_init(
-            || vec![0; width],
-            |linear, (y, row)| {
-                let mut codes = [&[][..]; MAX_CAPTURES];
-                for (codes, frame) in codes.iter_mut().zip(captures) {
-                    *codes = &frame.data[y * width..][..width];
-                }
-                rows::merge(&self.hdr.merge, &codes[..captures.len()], linear);
-                of_row(linear, row);
-            },
-        );
-        samples
-    }
-
-    /// What the sensor sends of the codes of its captures.
-    pub fn sent(&self, captures: Vec<RawFrame>, analog_gain: f32) -> Sent {
-        let samples = match &self.readout.output {
-            Output::Captures => {
-                Samples::Captures(captures.into_iter().map(|frame| frame.data).collect())
+        let inputs = captures.map(|(i, (sensor, capture))| Inputs {
+            sensor,
+            cube: seen(now, i),
+            before: before.map(|cubes| seen(cubes, i)),
+            held: &[],
+            settings: self.hdr.settings(capture, settings),
+        });
+        let taking = Taking { merge: &self.hdr.merge, inputs: inputs.collect(), arithmetic };
+        taking.inputs.iter().try_for_each(|inputs| inputs.check(arithmetic))?;
+        let samples = match (&self.readout.output, &self.compander) {
+            (Output::Captures, _) => Samples::Captures(taking.captures()?),
+            (Output::Companded(_), Some(curve)) => {
+                Samples::Merged(taking.merged(|linear| curve.code(linear))?)
             }
-            Output::Companded(curve) => Samples::Merged(
-                self.merged(&captures, |linear, codes| rows::compand(curve, linear, codes)),
-            ),
-            Output::Linear if self.hdr.linear_bits() > u16::BITS => {
-                Samples::Wide(self.merged(&captures, |linear, row| row.copy_from_slice(linear)))
+            _ if self.hdr.linear_bits() > u16::BITS => {
+                Samples::Wide(taking.merged(|linear| linear)?)
             }
-            Output::Linear => Samples::Merged(self.merged(&captures, |linear, row| {
-                row.iter_mut().zip(linear).for_each(|(row, &linear)| *row = linear as u16);
-            })),
+            _ => Samples::Merged(taking.merged(|linear| linear as u16)?),
         };
-        self.described(samples, analog_gain)
+        Ok(self.described(samples, settings.analog_gain))
     }
 
     /// The frames of samples that the sensor has sent in a frame of this gain, here or on a rig.
@@ -187,13 +169,77 @@ impl HdrSensor {
     }
 }
 
+/// What a capture sees: what all do, or its own light.
+pub fn seen<'c>(cubes: &[&'c IrradianceCube], capture: usize) -> &'c IrradianceCube {
+    cubes.get(capture).unwrap_or(&cubes[0])
+}
+
+/// A frame of several captures.
+struct Taking<'a> {
+    merge: &'a Merge,
+    inputs: Vec<Inputs<'a>>,
+    arithmetic: Arithmetic,
+}
+
+impl Taking<'_> {
+    /// Width and number of pixels.
+    fn size(&self) -> (usize, usize) {
+        let config = self.inputs.first().map(|inputs| &inputs.sensor.config);
+        config.map_or((1, 0), |c| (c.width as usize, c.width as usize * c.height as usize))
+    }
+
+    /// The codes of each capture.
+    fn captures(&self) -> Result<Vec<Vec<u16>>> {
+        let (width, pixels) = self.size();
+        let of_one = |inputs: &Inputs<'_>| {
+            let mut codes = vec![0; pixels];
+            let tasks = codes.par_chunks_mut(width * ROWS_PER_TASK).enumerate();
+            tasks.try_for_each(|(i, out)| {
+                inputs.rows(self.arithmetic, i * ROWS_PER_TASK, out, &mut [])
+            })?;
+            Ok(codes)
+        };
+        self.inputs.iter().map(of_one).collect()
+    }
+
+    /// The samples that `sample` makes of the merged signal, linear DN. The captures are there for a
+    /// few rows at a time, which stay in the cache until they are merged.
+    fn merged<S: Clone + Default + Send>(
+        &self,
+        sample: impl Fn(u32) -> S + Sync,
+    ) -> Result<Vec<S>> {
+        let (width, pixels) = self.size();
+        let mut samples = vec![S::default(); pixels];
+        let tasks = samples.par_chunks_mut(width * ROWS_PER_TASK).enumerate();
+        tasks.try_for_each_init(
+            || (vec![vec![0; width * ROWS_PER_TASK]; self.inputs.len()], vec![0; width]),
+            |(captures, linear), (i, out)| {
+                for (inputs, codes) in self.inputs.iter().zip(&mut *captures) {
+                    let codes = &mut codes[..out.len()];
+                    inputs.rows(self.arithmetic, i * ROWS_PER_TASK, codes, &mut [])?;
+                }
+                for (y, out) in out.chunks_mut(width).enumerate() {
+                    let mut codes = [&[][..]; MAX_CAPTURES];
+                    for (codes, capture) in codes.iter_mut().zip(&*captures) {
+                        *codes = &capture[y * width..][..width];
+                    }
+                    rows::merge(self.merge, &codes[..captures.len()], linear);
+                    out.iter_mut().zip(&*linear).for_each(|(out, &dn)| *out = sample(dn));
+                }
+                Ok(())
+            },
+        )?;
+        Ok(samples)
+    }
+}
+
 /// A linear frame as codes on a curve.
-fn companded<S: Dn>(curve: &Companding, frame: RawFrame<S>) -> RawFrame {
+fn companded<S: Dn>(curve: &Compander, frame: RawFrame<S>) -> RawFrame {
     let code = |linear: S| curve.code(linear.into());
     RawFrame {
         width: frame.width,
         height: frame.height,
-        bits: curve.bits.into(),
+        bits: curve.bits(),
         cfa: frame.cfa,
         black_level_dn: curve.code(frame.black_level_dn as u32).into(),
         white_level_dn: code(frame.white_level_dn),

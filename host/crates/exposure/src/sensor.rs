@@ -78,7 +78,7 @@ pub struct FrameOptions<'a> {
 }
 
 /// Rows computed by one task.
-const ROWS_PER_TASK: usize = 32;
+pub(super) const ROWS_PER_TASK: usize = 32;
 
 /// A camera's sensor set up for cubes of given bands.
 pub struct SimulatedSensor {
@@ -159,8 +159,9 @@ impl SimulatedSensor {
         options: FrameOptions<'_>,
     ) -> Result<RawFrame> {
         let FrameOptions { before, traps, arithmetic } = options;
-        settings.check().map_err(refused)?;
-        arithmetic.check(&self.config, settings)?;
+        let held = traps.as_ref().map_or(&[][..], |traps| &traps.held_e);
+        let inputs = Inputs { sensor: self, cube, before, held, settings: *settings };
+        inputs.check(arithmetic)?;
         let (width, height) = (self.config.width as usize, self.config.height as usize);
         let mut data = vec![0; width * height];
         let with_traps = self.effects_with_traps();
@@ -171,19 +172,13 @@ impl SimulatedSensor {
             .help("use simulate, expose or capture, or remove the effect from the camera file"));
         }
         let mut kept = vec![0.0; width * height * with_traps];
-        let held = traps.as_ref().map_or(&[][..], |traps| &traps.held_e);
-        let inputs = Inputs { sensor: self, cube, before, held, settings };
         let of_task = width * ROWS_PER_TASK;
         let mut kept_by_task: Vec<&mut [f32]> =
             kept.chunks_mut((of_task * with_traps).max(1)).collect();
         kept_by_task.resize_with(height.div_ceil(ROWS_PER_TASK), Default::default);
         let tasks = data.par_chunks_mut(of_task).zip(kept_by_task).enumerate();
         tasks.try_for_each(|(i, (out, kept))| {
-            let first = i * ROWS_PER_TASK;
-            match arithmetic {
-                Arithmetic::F32 => cube_rows::<Float>(&inputs, first, out, kept),
-                Arithmetic::Fixed => cube_rows::<Fixed>(&inputs, first, out, kept),
-            }
+            inputs.rows(arithmetic, i * ROWS_PER_TASK, out, kept)
         })?;
         if let Some(traps) = traps {
             traps.held_e = kept;
@@ -249,7 +244,7 @@ impl SimulatedSensor {
     ) -> Result<Plane<f32>> {
         let (width, height) = (self.config.width as usize, self.config.height as usize);
         let mut data = vec![0.0; width * height];
-        let inputs = Inputs { sensor: self, cube, before: None, held: &[], settings };
+        let inputs = Inputs { sensor: self, cube, before: None, held: &[], settings: *settings };
         data.par_chunks_mut(width * ROWS_PER_TASK)
             .enumerate()
             .try_for_each(|(i, out)| electrons(&inputs, i * ROWS_PER_TASK, out))?;
@@ -288,16 +283,39 @@ impl SimulatedSensor {
     }
 }
 
-struct Inputs<'a> {
-    sensor: &'a SimulatedSensor,
-    cube: &'a IrradianceCube,
-    before: Option<&'a IrradianceCube>,
+/// What a frame of a sensor is made of.
+pub(super) struct Inputs<'a> {
+    pub(super) sensor: &'a SimulatedSensor,
+    pub(super) cube: &'a IrradianceCube,
+    pub(super) before: Option<&'a IrradianceCube>,
     /// [`Traps::held_e`], or none.
-    held: &'a [f32],
-    settings: &'a FrameSettings,
+    pub(super) held: &'a [f32],
+    pub(super) settings: FrameSettings,
 }
 
-/// Computes the rows from `first` on that fill `out`; `kept` gets the charge of their traps.
+impl Inputs<'_> {
+    /// Refuses settings out of range or beyond the arithmetic.
+    pub(super) fn check(&self, arithmetic: Arithmetic) -> Result<()> {
+        self.settings.check().map_err(refused)?;
+        arithmetic.check(&self.sensor.config, &self.settings)
+    }
+
+    /// Computes the rows from `first` on that fill `out`; `kept` gets the charge of their traps.
+    pub(super) fn rows(
+        &self,
+        arithmetic: Arithmetic,
+        first: usize,
+        out: &mut [u16],
+        kept: &mut [f32],
+    ) -> Result<()> {
+        match arithmetic {
+            Arithmetic::F32 => cube_rows::<Float>(self, first, out, kept),
+            Arithmetic::Fixed => cube_rows::<Fixed>(self, first, out, kept),
+        }
+    }
+}
+
+/// [`Inputs::rows`] in one arithmetic.
 fn cube_rows<A: Vector>(
     inputs: &Inputs<'_>,
     first: usize,
@@ -312,7 +330,7 @@ fn cube_rows<A: Vector>(
     let to = (first + count + windows).min(height);
     let crosstalk = inputs.sensor.crosstalk();
     let mut source = CubeRows::<A> {
-        sums: BandSums::new(config, inputs.settings, crosstalk)?,
+        sums: BandSums::new(config, &inputs.settings, crosstalk)?,
         now: load(inputs.cube, from, to)?,
         before: inputs.before.map(|cube| load(cube, from, to)).transpose()?,
         traps: TrapRows {
@@ -323,7 +341,7 @@ fn cube_rows<A: Vector>(
             kept,
         },
     };
-    rows::<A>(config, inputs.settings, &mut source, first, out)
+    rows::<A>(config, &inputs.settings, &mut source, first, out)
 }
 
 /// Computes the rows from `first` on that fill `out` from mean photo-electrons.
@@ -349,7 +367,7 @@ fn electrons(inputs: &Inputs<'_>, first: usize, out: &mut [f32]) -> Result<()> {
     let width = config.width as usize;
     let rows = out.len() / width;
     let crosstalk = inputs.sensor.crosstalk();
-    let mut sums = BandSums::<Float>::new(config, inputs.settings, crosstalk)?;
+    let mut sums = BandSums::<Float>::new(config, &inputs.settings, crosstalk)?;
     let bands = load(inputs.cube, first, first + rows)?;
     let mut row = vec![[0.0; BLOCK]; blocks(width)];
     for (y, out) in (first..).zip(out.chunks_mut(width)) {

@@ -3,7 +3,7 @@
 use super::remembering::remembering;
 use super::{FrameRequest, Rig, RigFrame};
 use camrig_base::{Error, RawFrame, Result};
-use camrig_exposure::hdr::{HdrSensor, Sent};
+use camrig_exposure::hdr::{HdrSensor, Sent, seen};
 use camrig_exposure::{Arithmetic, FrameOptions, IrradianceCube, SimulatedSensor, Traps};
 use camrig_sensor_core::config::FrameSettings;
 
@@ -69,16 +69,7 @@ impl SensorStage {
         settings: &FrameSettings,
     ) -> Result<Sent> {
         let Some(rig) = &mut self.rig else {
-            let arithmetic = self.arithmetic;
-            let frame = sensor.frame(settings, |i, one, settings| {
-                let before = before.map(|cubes| seen(cubes, i));
-                one.frame_with(
-                    seen(now, i),
-                    settings,
-                    FrameOptions { before, traps: None, arithmetic },
-                )
-            })?;
-            return Ok(sensor.sent(frame, settings.analog_gain));
+            return sensor.frame(now, before, settings, self.arithmetic);
         };
         let same = |i| before.is_some_and(|before| std::ptr::eq(seen(before, i), seen(now, i)));
         let captures = sensor.captures();
@@ -138,11 +129,6 @@ impl SensorStage {
         check(&frame, settings)?;
         frame.to_raw(sensor)
     }
-}
-
-/// What a capture sees: what all do, or its own light.
-fn seen<'c>(cubes: &[&'c IrradianceCube], capture: usize) -> &'c IrradianceCube {
-    cubes.get(capture).unwrap_or(&cubes[0])
 }
 
 /// Checks that a rig has taken a frame as it was asked to.

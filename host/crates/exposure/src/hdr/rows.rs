@@ -1,13 +1,15 @@
-//! Rows of merged and companded codes, for the vector units of this machine: the numbers are those of
-//! [`Merge::linear`] and [`Companding::code`], which are the definition.
+//! Merged and companded codes, fast: the numbers are those of [`Merge::linear`] and
+//! [`Companding::code`], which are the definition.
 //!
-//! Everything is done in f64 on whole numbers below 2^53, where sums and products are exact and a
-//! quotient rounds down to the right number: it is further from the next one than its rounding.
+//! A merge is for the vector units of this machine, in f64 on whole numbers below 2^53, where sums
+//! and products are exact and a quotient rounds down to the right number: it is further from the
+//! next one than its rounding.
 
 use camrig_sensor_core::hdr::{Companding, Hand, Line, Merge};
 use camrig_vector::vectorised;
+use std::iter::successors;
 
-/// Pixels in a step. Neighbours are alike, so that most steps need one capture and one line.
+/// Pixels in a step. Neighbours are alike, so that most steps need one capture or two.
 const STEP: usize = 64;
 
 /// Parts of 1 in weights and gains.
@@ -65,43 +67,45 @@ pub fn merge(merge: &Merge, captures: &[&[u16]], out: &mut [u32]) {
     }
 }
 
-/// The codes of linear signals. A step of pixels gets them line by line of the curve, from the lowest
-/// that one of them is on: each line up to its end and beyond, where the next ones replace them.
-#[vectorised]
-pub fn compand(curve: &Companding, linear: &[u32], out: &mut [u16]) {
-    let subtracted = i64::from(curve.subtract_dn);
-    let max = f64::from((1u32 << u32::from(curve.bits).min(16)) - 1);
-    for (out, linear) in out.chunks_mut(STEP).zip(linear.chunks(STEP)) {
-        let smallest = linear.iter().fold(u32::MAX, |a, &b| a.min(b));
-        let largest = linear.iter().fold(0, |a, &b| a.max(b));
-        let mut start = i64::from(smallest) - subtracted;
-        while start <= i64::from(largest) - subtracted {
-            let Line { from, rise, run, end } = curve.curve.line_at(start);
-            if rise >= 1 << 28 || from.abs() >= 1 << 52 {
-                out.iter_mut().zip(linear).for_each(|(out, &linear)| *out = curve.code(linear));
-                break;
-            }
-            let is_shift = run.count_ones() == 1;
-            let [from, rise, run] = [from, rise, run].map(|v| v as f64);
-            let (subtracted, pedestal) = (subtracted as f64, f64::from(curve.pedestal_dn));
-            let first = (start + i64::from(curve.subtract_dn)) as f64;
-            // A power of two has an exact inverse, and a product takes a quarter of a quotient's
-            // time.
-            let inverse = 1.0 / run;
-            let above = |linear: u32| from + (f64::from(linear as i32) - subtracted) * rise;
-            let code = |quotient: f64| (quotient.floor() + pedestal).clamp(0.0, max) as i32 as u16;
-            let is_on = |linear: u32| f64::from(linear as i32) >= first;
-            let pixels = out.iter_mut().zip(linear);
-            match is_shift {
-                true => pixels.for_each(|(out, &linear)| {
-                    *out = if is_on(linear) { code(above(linear) * inverse) } else { *out };
-                }),
-                false => pixels.for_each(|(out, &linear)| {
-                    *out = if is_on(linear) { code(above(linear) / run) } else { *out };
-                }),
-            }
-            start = end;
+/// Linear numbers of a cell of [`Compander`]. A trade: 64 KiB for curves of 24 bits, and few cells
+/// with a knee in them.
+const CELL: usize = 256;
+
+/// A curve whose lines are found by a table instead of a search.
+pub struct Compander {
+    curve: Companding,
+    lines: Vec<Line>,
+    /// The line on which each cell of linear signals begins, up to the last line.
+    of_cell: Vec<u8>,
+}
+
+impl Compander {
+    pub fn new(curve: &Companding) -> Self {
+        let next = |line: &Line| (line.end < i64::MAX).then(|| curve.curve.line_at(line.end));
+        let lines: Vec<Line> = successors(Some(curve.curve.line_at(0)), next).collect();
+        let mut of_cell = Vec::new();
+        for (line, number) in lines[..lines.len() - 1].iter().zip(0..) {
+            let end = line.end as usize + curve.subtract_dn as usize;
+            of_cell.resize(end.div_ceil(CELL), number);
         }
+        Self { curve: curve.clone(), lines, of_cell }
+    }
+
+    /// Bits of a code.
+    pub fn bits(&self) -> u32 {
+        self.curve.bits.into()
+    }
+
+    /// The code of a linear signal, DN.
+    #[inline(always)]
+    pub fn code(&self, linear: u32) -> u16 {
+        let x = i64::from(linear) - i64::from(self.curve.subtract_dn);
+        let of_cell = self.of_cell.get(linear as usize / CELL);
+        let mut line = of_cell.map_or(self.lines.len() - 1, |&line| line.into());
+        while x >= self.lines[line].end {
+            line += 1;
+        }
+        self.curve.sent(self.lines[line].code(x))
     }
 }
 
@@ -157,15 +161,36 @@ mod tests {
                     let codes: Vec<u16> = rows.iter().map(|row| row[x]).collect();
                     assert_eq!(linear, merge.linear(&codes), "{codes:?} of {merge:?}");
                 }
-                let knees = [(500, 500.0), (11_500, 671.875), (65_536, 4049.125)];
-                let rounding = [Rounding::Floor, Rounding::Nearest][trial as usize % 2];
-                let curve = Curve::new(&knees, rounding).unwrap();
-                let subtract_dn = random() % 2 * 64;
-                let curve = Companding { curve, bits: 12, subtract_dn, pedestal_dn: 3 };
-                let mut codes = vec![0; linear.len()];
-                compand(&curve, &linear, &mut codes);
-                for (&linear, &code) in linear.iter().zip(&codes) {
-                    assert_eq!(code, curve.code(linear), "{linear}");
+            }
+        }
+    }
+
+    /// Curves with knees in a cell of their own, several in one cell, and up to the ends of 24 bits: a
+    /// code is that of the definition beside each knee, at the ends of the signal and in between.
+    #[test]
+    fn codes_by_the_table_are_the_definition() {
+        let several: Vec<(u32, f64)> = (1..64)
+            .map(|i| (5 * i + i * i, f64::from(4 * i)))
+            .chain([(1 << 24, 4095.0)])
+            .collect();
+        let curves: [&[(u32, f64)]; 4] = [
+            &[(500, 500.0), (11_500, 671.875), (65_536, 4049.125)],
+            &[(256, 256.0), (1 << 12, 512.0), (1 << 24, 4096.0)],
+            &[(1 << 24, f64::from(1 << 24))],
+            &several,
+        ];
+        for (knees, rounding) in curves.iter().flat_map(|&knees| {
+            [Rounding::Floor, Rounding::Nearest].map(|rounding| (knees, rounding))
+        }) {
+            for (subtract_dn, pedestal_dn) in [(0, 0), (64, 3), ((1 << 24) - 1, 200)] {
+                let curve = Curve::new(knees, rounding).unwrap();
+                let curve = Companding { curve, bits: 12, subtract_dn, pedestal_dn };
+                let compander = Compander::new(&curve);
+                let knees = knees.iter().map(|&(x, _)| x + subtract_dn);
+                let beside = knees.flat_map(|x| x.saturating_sub(300)..x + 300);
+                let others = (0..1 << 25).step_by(4093);
+                for linear in beside.chain(others).chain([0, (1 << 25) - 1]) {
+                    assert_eq!(compander.code(linear), curve.code(linear), "{linear} {curve:?}");
                 }
             }
         }

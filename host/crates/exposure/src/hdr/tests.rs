@@ -1,9 +1,9 @@
 //! Frames of HDR sensors against the figures of `golden/hdr`.
 
-use super::HdrSensor;
+use super::{HdrSensor, Sent};
 use crate::rows::{Vector, rows};
-use crate::{CubeHeader, IrradianceCube};
-use camrig_base::Bands;
+use crate::{Arithmetic, CubeHeader, IrradianceCube, IrradianceWriter};
+use camrig_base::{Bands, Plane};
 use camrig_camera::hdr::Hdr;
 use camrig_camera::hdr::expected::Expected;
 use camrig_camera::{Camera, Change};
@@ -291,6 +291,50 @@ fn a_ratio_that_is_off_shows_in_the_merged_signal_as_far_as_its_weight() {
     }
 }
 
+/// What each output sends of a noisy ramp from darkness to beyond the end of the last capture, over
+/// the rows of several tasks: merge and curve by their definitions of the captures' codes.
+#[test]
+fn what_is_sent_is_the_merge_of_the_captures_pixel_by_pixel() {
+    const SIZE: [u32; 2] = [150, 70];
+    for name in hdr::CAMERAS {
+        let camera = camera(name, SIZE, &[]);
+        let described = camera.sensor.hdr.as_ref().unwrap();
+        let mut writer = IrradianceWriter::new(header(&camera)).unwrap();
+        let light = |x, y| (1.2f32).powi((x + y) as i32 % 150) * 1e-9;
+        writer.push(&Plane::from_fn(SIZE[0] as usize, SIZE[1] as usize, light)).unwrap();
+        let cube = writer.finish().unwrap();
+        let settings = FrameSettings::new(hdr::exposure_s(name) as f32);
+        for arithmetic in Arithmetic::ALL {
+            let sent = |output| {
+                let mut sensor = HdrSensor::in_light(&camera, &cube.header, 1.0).unwrap();
+                sensor.readout.output = output;
+                sensor.frame(&[&cube], None, &settings, arithmetic).unwrap()
+            };
+            let Sent::Captures(captures) = sent(Output::Captures) else { panic!("captures") };
+            let companding = described.companding.as_ref().unwrap();
+            let linear = (0..captures[0].data.len()).map(|i| {
+                let codes: Vec<u16> = captures.iter().map(|frame| frame.data[i]).collect();
+                described.merge.linear(&codes)
+            });
+            let linear: Vec<u32> = linear.collect();
+            let codes: Vec<u16> = linear.iter().map(|&dn| companding.code(dn)).collect();
+            assert!(codes.iter().max() > codes.iter().min(), "{name}");
+            match sent(Output::Linear) {
+                Sent::Wide(frame) => assert_eq!(frame.data, linear, "{name}"),
+                Sent::Merged(frame) => {
+                    let data: Vec<u32> = frame.data.into_iter().map(u32::from).collect();
+                    assert_eq!(data, linear, "{name}");
+                }
+                Sent::Captures(_) => panic!("the merged signal"),
+            }
+            match sent(Output::Companded(companding.clone())) {
+                Sent::Merged(frame) => assert_eq!(frame.data, codes, "{name}"),
+                _ => panic!("codes"),
+            }
+        }
+    }
+}
+
 /// A frame: the codes of its captures, and the merged signal.
 struct Flat {
     captures: Vec<camrig_base::RawFrame>,
@@ -302,10 +346,19 @@ fn flat(camera: &Camera, exposure_s: f64, mu: f64, frame: u32) -> Flat {
     let cube = IrradianceCube::uniform(header(camera), &[1.0]).unwrap();
     let band = header(camera).spectral_bands();
     let per_s = camera.of_capture(0).unwrap().sensor.response(&band)[0][0];
-    let sensor = HdrSensor::in_light(camera, &cube.header, mu / (per_s * exposure_s)).unwrap();
+    let light = mu / (per_s * exposure_s);
     let settings = FrameSettings::new(exposure_s as f32).with_frame(frame);
-    let captures = sensor.frame(&settings, |_, sensor, own| sensor.frame(&cube, own)).unwrap();
-    let linear = sensor.merged(&captures, |linear, row| row.copy_from_slice(linear));
+    let sent = |output| {
+        let mut sensor = HdrSensor::in_light(camera, &cube.header, light).unwrap();
+        sensor.readout.output = output;
+        sensor.frame(&[&cube], None, &settings, Arithmetic::F32).unwrap()
+    };
+    let Sent::Captures(captures) = sent(Output::Captures) else { panic!("captures") };
+    let linear = match sent(Output::Linear) {
+        Sent::Wide(frame) => frame.data,
+        Sent::Merged(frame) => frame.data.into_iter().map(u32::from).collect(),
+        Sent::Captures(_) => panic!("the merged signal"),
+    };
     Flat { captures, linear }
 }
 
@@ -471,6 +524,6 @@ fn a_sensor_of_several_captures_is_not_read_as_one() {
     let overlapping = HdrSensor::in_light(&camera, &header(&camera), 1.0).unwrap();
     let cube = IrradianceCube::uniform(header(&camera), &[1.0]).unwrap();
     let long = FrameSettings::new(0.03);
-    let e = overlapping.frame(&long, |_, sensor, own| sensor.frame(&cube, own)).err().unwrap();
+    let e = overlapping.frame(&[&cube], None, &long, Arithmetic::F32).err().unwrap();
     assert!(e.to_string().contains("overlap"), "{e}");
 }
