@@ -3,6 +3,7 @@
 mod light;
 pub(super) mod output;
 pub(super) mod pace;
+pub(super) mod record;
 mod report;
 
 use super::arguments::{
@@ -20,14 +21,17 @@ use camrig_camera::Camera;
 use camrig_exposure::IrradianceCube;
 use camrig_render::{Arithmetic, OpticsPath, SimulatedSensor};
 use camrig_rig::script::{Script, Write, exposure_cut, settings_held};
+use camrig_rig::trigger::Trigger;
 use camrig_rig::{FrameRequest, Rig};
 use camrig_rig_link::registers::address;
+use indicatif::ProgressBar;
 use light::Light;
-use output::Output;
+use output::{Output, Takes};
 use pace::Pace;
 use report::{Outcome, Record};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
 /// Send irradiance to a rig frame by frame, and receive raw frames
 #[derive(clap::Args, Debug)]
@@ -207,35 +211,70 @@ fn program_timing(rig: &mut Rig, args: &Args, camera: &Camera) -> Result<()> {
     Ok(())
 }
 
+/// A rig, what it is given, and what its frames are.
+struct Opened {
+    camera: Camera,
+    script: Option<Script>,
+    rig: Rig,
+    light: Light,
+    /// A sensor for each of the light's cubes.
+    sensors: Vec<SimulatedSensor>,
+}
+
+impl Opened {
+    /// What the arguments name.
+    fn of(args: &Args) -> Result<Self> {
+        if args.irradiance.is_some() {
+            args.readout.refuse_charge()?;
+        }
+        let mut camera = args.readout.camera(args.camera.load()?)?;
+        camera.first_frame = args.frame_seed;
+        let script = args.script.as_deref().map(Script::load).transpose()?;
+        let mut rig = Rig::open(&args.url)?;
+        rig.on_broken_link(arguments::broken_link);
+        tell_injected(&mut rig)?;
+        let light = Light::open(args, &camera)?;
+        let sensors = light.sensors(&camera)?;
+        if args.by_registers || script.is_some() {
+            program_timing(&mut rig, args, &camera)?;
+        }
+        times::frame_period(&camera, args.fps)?.of(args.exposure.unwrap_or(0.0))?;
+        Ok(Self { camera, script, rig, light, sensors })
+    }
+
+    /// Takes so many frames.
+    fn frames(
+        &mut self,
+        args: &Args,
+        count: u32,
+        output: Option<&mut dyn Takes>,
+        taken: &mut Taken,
+        bar: &ProgressBar,
+    ) -> Result<()> {
+        let Self { camera, script, rig, light, sensors } = self;
+        let stream = Stream { args, camera, cubes: &light.cubes, sensors, count };
+        stream.frames(rig, script.as_ref(), light.scene.as_mut(), output, taken, bar)
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut output = Output::open(args)?;
-    if args.irradiance.is_some() {
-        args.readout.refuse_charge()?;
-    }
-    let mut camera = args.readout.camera(args.camera.load()?)?;
-    camera.first_frame = args.frame_seed;
-    let script = args.script.as_deref().map(Script::load).transpose()?;
-    let mut rig = Rig::open(&args.url)?;
-    rig.on_broken_link(arguments::broken_link);
-    tell_injected(&mut rig)?;
-    let mut light = Light::open(args, &camera)?;
-    let sensors = light.sensors(&camera)?;
-    if args.by_registers || script.is_some() {
-        program_timing(&mut rig, args, &camera)?;
-    }
-    times::frame_period(&camera, args.fps)?.of(args.exposure.unwrap_or(0.0))?;
+    let mut opened = Opened::of(args)?;
     if let Some(output) = &mut output {
-        output.prepare(args, &camera, &sensors[0])?;
+        output.prepare(args, &opened.camera, &opened.sensors[0])?;
     }
-    let before = rig.link_bytes();
-    let usual = if light.is_sequence() { u32::MAX } else { FRAMES };
+    let before = opened.rig.link_bytes();
+    let usual = if opened.light.is_sequence() { u32::MAX } else { FRAMES };
     let count = args.frames.unwrap_or(usual);
-    let stream = Stream { args, camera: &camera, cubes: &light.cubes, sensors: &sensors, count };
-    let mut taken = Taken { pace: Pace::new(args.fps), outcome: Outcome::default() };
+    let trigger = args.fps.map(Trigger::steady);
+    let mut taken = Taken { pace: Pace::new(trigger), outcome: Outcome::default() };
     let stop = Stoppable::new();
-    let scene = light.scene.as_mut();
-    let ended = stream.frames(&mut rig, script.as_ref(), scene, &mut output, &mut taken, &stop);
+    let takes = output.as_mut().map(|output| output as &mut dyn Takes);
+    let bar = arguments::frames_bar(count);
+    let ended = opened.frames(args, count, takes, &mut taken, &bar);
+    bar.finish_and_clear();
+    let Opened { rig, mut light, .. } = opened;
     let Taken { mut pace, mut outcome } = taken;
     pace.finish();
     if let Some(scene) = &mut light.scene {
@@ -313,30 +352,31 @@ impl Stream<'_> {
         rig: &mut Rig,
         script: Option<&Script>,
         scene: Option<&mut SceneLights>,
-        output: &mut Option<Output>,
+        mut output: Option<&mut dyn Takes>,
         taken: &mut Taken,
-        stop: &Stoppable,
+        bar: &ProgressBar,
     ) -> Result<()> {
-        let args = self.args;
+        let (args, stop) = (self.args, Stoppable::new());
         let by_registers = args.by_registers || script.is_some();
         let period = times::frame_period(self.camera, args.fps)?;
-        let as_packets = output.as_ref().is_some_and(Output::has_packets);
+        let as_packets = output.as_ref().is_some_and(|output| output.has_packets());
         let injection = args.faults.open(&self.sensors[0], as_packets, args.force)?;
         let mut frames =
             RigFrames::new(self.cubes, self.sensors, scene, args.collapse).with_faults(injection);
-        let bar = arguments::frames_bar(self.count);
         frames.begin(rig)?;
-        taken.pace.start();
+        let start = output.as_mut().map(|output| output.begin());
+        taken.pace.start(start.transpose()?.unwrap_or_else(Instant::now));
         for i in 0..self.count {
             let script = script.filter(|_| !frames.has_stuck_registers(i));
             write_registers(rig, script, i, by_registers)?;
             if !frames.light(rig, i, args.exposure)? {
                 break;
             }
-            taken.pace.wait(rig, stop);
+            taken.pace.wait(rig, &stop);
             if stop.is_asked() {
                 break;
             }
+            let due = taken.pace.due(i.into());
             taken.pace.begin();
             let request = self.request(i, by_registers);
             let asked = (!by_registers).then_some(request.settings);
@@ -359,13 +399,11 @@ impl Stream<'_> {
             if args.json {
                 taken.outcome.records.push(Record::new(&frame, time));
             }
-            if let Some(output) = output {
-                let nominal = args.fps.map(|fps| f64::from(i) / fps);
-                output.take(&frame, frames.sensor(i), nominal.unwrap_or(time.begin))?;
+            if let Some(output) = &mut output {
+                output.take(&frame, frames.sensor(i), due.unwrap_or(time.begin))?;
             }
             bar.inc(1);
         }
-        bar.finish_and_clear();
         Ok(())
     }
 

@@ -11,6 +11,21 @@ use camrig_render::SimulatedSensor;
 use camrig_render::readout::Readout;
 use camrig_rig::RigFrame;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Who takes the frames of a stream.
+pub trait Takes {
+    /// All is ready: when the first trigger comes.
+    fn begin(&mut self) -> Result<Instant> {
+        Ok(Instant::now())
+    }
+
+    /// A frame that began `time_s` after the first was due, or that the sensor dropped.
+    fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor, time_s: f64) -> Result<()>;
+
+    /// Whether frames are written as packets of CSI-2.
+    fn has_packets(&self) -> bool;
+}
 
 /// An output of frames.
 pub struct Output {
@@ -73,27 +88,6 @@ impl Output {
         self.frames.check(&self.readout.of(sensor.raw_frame(vec![0; pixels], 1.0))?)
     }
 
-    /// Writes a frame that began `time_s` after the first was due, unless the sensor dropped it.
-    pub fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor, time_s: f64) -> Result<()> {
-        let number = self.numbers.of(frame.start.counter);
-        if frame.dropped {
-            return Ok(());
-        }
-        let beside = Beside {
-            number: Some(number),
-            embedded: vec![frame.embedded_line()],
-            line_packets: true,
-            damage: frame.damage.clone(),
-            time_s: Some(time_s),
-        };
-        self.frames.write(&self.readout.of(frame.to_raw(sensor)?)?, &beside)
-    }
-
-    /// Whether frames are written as packets of CSI-2.
-    pub fn has_packets(&self) -> bool {
-        self.frames.has_packets()
-    }
-
     /// Refuses an output that received no frame.
     pub fn check_any(&self) -> Result<()> {
         match self.count() {
@@ -115,6 +109,27 @@ impl Output {
     /// The path of the output.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+}
+
+impl Takes for Output {
+    fn take(&mut self, frame: &RigFrame, sensor: &SimulatedSensor, time_s: f64) -> Result<()> {
+        let number = self.numbers.of(frame.start.counter);
+        if frame.dropped {
+            return Ok(());
+        }
+        let beside = Beside {
+            number: Some(number),
+            embedded: vec![frame.embedded_line()],
+            line_packets: true,
+            damage: frame.damage.clone(),
+            time_s: Some(time_s),
+        };
+        self.frames.write(&self.readout.of(frame.to_raw(sensor)?)?, &beside)
+    }
+
+    fn has_packets(&self) -> bool {
+        self.frames.has_packets()
     }
 }
 

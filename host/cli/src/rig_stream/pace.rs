@@ -2,6 +2,7 @@
 
 use crate::stop::Stoppable;
 use camrig_rig::Rig;
+use camrig_rig::trigger::Trigger;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
@@ -21,7 +22,7 @@ const LATENCIES: u64 = 1 << 20;
 
 /// The times of a stream's frames.
 pub struct Pace {
-    fps: Option<f64>,
+    trigger: Option<Trigger>,
     start: Instant,
     frames: u64,
     /// Seconds after the start at which the first frame began, and the newest.
@@ -69,10 +70,10 @@ impl FrameTime {
 }
 
 impl Pace {
-    /// A stream at a frame rate, frames/s; as fast as possible without one.
-    pub fn new(fps: Option<f64>) -> Self {
+    /// A stream at the rate of a trigger; as fast as possible without one.
+    pub fn new(trigger: Option<Trigger>) -> Self {
         Self {
-            fps,
+            trigger,
             start: Instant::now(),
             frames: 0,
             first: 0.0,
@@ -85,14 +86,18 @@ impl Pace {
         }
     }
 
-    /// The first frame is due.
-    pub fn start(&mut self) {
-        self.start = Instant::now();
+    /// When the first trigger comes.
+    pub fn start(&mut self, at: Instant) {
+        self.start = at;
+    }
+
+    fn fps(&self) -> Option<f64> {
+        self.trigger.map(|trigger| trigger.fps)
     }
 
     /// Seconds after the start at which a frame is due.
-    fn due(&self, frame: u64) -> Option<f64> {
-        self.fps.map(|fps| frame as f64 / fps)
+    pub fn due(&self, frame: u64) -> Option<f64> {
+        self.trigger.map(|trigger| trigger.begin_s(frame))
     }
 
     /// Waits until the next frame is due, or a signal asks the stream to end.
@@ -113,7 +118,7 @@ impl Pace {
         }
         self.newest = begin;
         let late = self.lateness().unwrap_or(0.0);
-        let limit = self.fps.map_or(f64::INFINITY, |fps| LATE_SHARE / fps + OVERSLEPT_S);
+        let limit = self.fps().map_or(f64::INFINITY, |fps| LATE_SHARE / fps + OVERSLEPT_S);
         self.late += u64::from(late > limit);
         self.worst = self.worst.max(late);
     }
@@ -169,12 +174,12 @@ impl Pace {
 
     /// Whether the requested frame rate was reached; `None` without one.
     pub fn is_kept(&self) -> Option<bool> {
-        self.fps.map(|fps| self.late == 0 || self.frames_per_s() >= KEPT_SHARE * fps)
+        self.fps().map(|fps| self.late == 0 || self.frames_per_s() >= KEPT_SHARE * fps)
     }
 
     /// Message about late frames.
     pub fn said(&self) -> Option<String> {
-        let (fps, late, frames) = (self.fps?, self.late, self.frames);
+        let (fps, late, frames) = (self.fps()?, self.late, self.frames);
         let (worst, rate) = (1e3 * self.worst, self.frames_per_s());
         match self.is_kept()? {
             false => Some(format!(
@@ -207,7 +212,7 @@ mod tests {
     use super::*;
 
     fn stream(fps: Option<f64>, begun: &[f64]) -> Pace {
-        let mut pace = Pace { seconds: 10.0, ..Pace::new(fps) };
+        let mut pace = Pace { seconds: 10.0, ..Pace::new(fps.map(Trigger::steady)) };
         for &begin in begun {
             pace.begin_at(begin);
             pace.end_after(0.01);
@@ -237,7 +242,7 @@ mod tests {
 
     #[test]
     fn each_frame_tells_how_late_it_was() {
-        let mut pace = Pace::new(Some(5.0));
+        let mut pace = Pace::new(Some(Trigger::steady(5.0)));
         pace.begin_at(0.0);
         assert_eq!(pace.end_after(0.02).late, Some(0.0));
         pace.begin_at(0.25);

@@ -1,7 +1,7 @@
 //! Recording of the console's frames.
 
 use super::{Args, files};
-use crate::rig_stream::output::Output;
+use crate::rig_stream::output::{Output, Takes};
 use crate::view::{Recording, Shared};
 use camrig_base::Result;
 use camrig_base::numbers::counted;

@@ -37,13 +37,22 @@ enum File {
     Sweep,
     /// Script of `camrig rig stream`
     Script,
+    /// Cameras of `camrig rig record`
+    Cameras,
     /// Lens prescription written by hand
     Lens,
 }
 
 impl File {
-    const ALL: [Self; 6] =
-        [Self::Camera, Self::Captures, Self::Plan, Self::Sweep, Self::Script, Self::Lens];
+    const ALL: [Self; 7] = [
+        Self::Camera,
+        Self::Captures,
+        Self::Plan,
+        Self::Sweep,
+        Self::Script,
+        Self::Cameras,
+        Self::Lens,
+    ];
 
     fn heading(self) -> &'static str {
         match self {
@@ -52,6 +61,7 @@ impl File {
             Self::Plan => "Plan of `camrig capture`",
             Self::Sweep => "Sweep of `camrig batch`",
             Self::Script => "Script of `camrig rig stream`",
+            Self::Cameras => "Cameras of `camrig rig record`",
             Self::Lens => "Lens prescription",
         }
     }
@@ -63,6 +73,7 @@ impl File {
             Self::Plan => camrig_capture::plan::schema().to_value(),
             Self::Sweep => camrig_batch::sweep::schema().to_value(),
             Self::Script => camrig_rig::script::schema().to_value(),
+            Self::Cameras => camrig_rig::trigger::schema().to_value(),
             Self::Lens => camrig_lens::prescription::toml::schema().to_value(),
         }
     }

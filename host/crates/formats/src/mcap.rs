@@ -3,7 +3,8 @@
 //! Foxglove's `mcap`.
 //!
 //! Each frame is a `sensor_msgs/msg/Image` on `/camera/image_raw` and, where the lens is known, a
-//! `sensor_msgs/msg/CameraInfo` on `/camera/camera_info` with the same time stamp. Samples of up
+//! `sensor_msgs/msg/CameraInfo` on `/camera/camera_info` with the same time stamp; of several
+//! cameras in one recording, each has its name instead of `camera`. Samples of up
 //! to 8 bits are `mono8` or `bayer_rggb8` and its like, others `...16`; they are the sensor's DN,
 //! not stretched. What ROS has no field for (bits, black and white level) is in the channel's
 //! metadata under `camrig`, from which [`decode`] takes it. Written without compression, read also
@@ -25,10 +26,8 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Topic of the images.
-const IMAGES: &str = "/camera/image_raw";
-/// Topic of the camera's figures.
-const CAMERA: &str = "/camera/camera_info";
+/// Name of a camera that is alone in a recording.
+const CAMERA: &str = "camera";
 /// Key of a channel's metadata that holds the facts of its frames.
 const NOTE: &str = "camrig";
 
@@ -58,8 +57,24 @@ impl Write for Pending {
 pub struct Recording {
     writer: mcap::Writer<NoSeek<Pending>>,
     pending: Pending,
+    cameras: Vec<Topics>,
+}
+
+/// A camera of a recording.
+pub struct Recorded<'a> {
+    /// Its name, in those of its topics and as its frame of reference.
+    pub name: &'a str,
+    /// A frame of its facts.
+    pub like: &'a RawFrame,
+    /// Its figures.
+    pub info: Option<CameraInfo>,
+}
+
+/// The topics of a camera.
+struct Topics {
+    name: String,
     images: u16,
-    camera: Option<(u16, CameraInfo)>,
+    info: Option<(u16, CameraInfo)>,
     sequence: u32,
 }
 
@@ -72,8 +87,18 @@ impl Recording {
     ///
     /// # Errors
     /// A colour filter pattern for which ROS has no name.
-    pub fn new(like: &RawFrame, camera: Option<CameraInfo>) -> Result<Self> {
-        ros::encoding(&like.cfa, sample_bytes(like))?;
+    pub fn new(like: &RawFrame, info: Option<CameraInfo>) -> Result<Self> {
+        Self::of(&[Recorded { name: CAMERA, like, info }])
+    }
+
+    /// A recording of several cameras.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub fn of(cameras: &[Recorded<'_>]) -> Result<Self> {
+        for camera in cameras {
+            ros::encoding(&camera.like.cfa, sample_bytes(camera.like))?;
+        }
         let pending = Pending::default();
         let options = WriteOptions::new()
             .profile("ros2")
@@ -83,21 +108,27 @@ impl Recording {
             .use_chunks(false)
             .disable_seeking(true);
         let mut writer = options.create(NoSeek::new(pending.clone())).map_err(failed)?;
-        let mut metadata = BTreeMap::from([("offered_qos_profiles".into(), String::new())]);
-        let mut channel = |topic, name, definition: &str, metadata: &_| {
+        let mut channel = |topic: &str, name, definition: &str, metadata: &_| {
             let schema = writer.add_schema(name, "ros2msg", definition.as_bytes());
             writer.add_channel(schema.map_err(failed)?, topic, "cdr", metadata).map_err(failed)
         };
-        let camera = match camera {
-            Some(info) => {
-                let definition = ros::CAMERA_INFO_DEFINITION;
-                Some((channel(CAMERA, ros::CAMERA_INFO, definition, &metadata)?, info))
-            }
-            None => None,
-        };
-        metadata.insert(NOTE.into(), Facts::of(like).note());
-        let images = channel(IMAGES, ros::IMAGE, ros::IMAGE_DEFINITION, &metadata)?;
-        Ok(Self { writer, pending, images, camera, sequence: 0 })
+        let topics = cameras.iter().map(|&Recorded { name, like, info }| {
+            let mut metadata = BTreeMap::from([("offered_qos_profiles".into(), String::new())]);
+            let info = match info {
+                Some(info) => {
+                    let (topic, definition) =
+                        (format!("/{name}/camera_info"), ros::CAMERA_INFO_DEFINITION);
+                    Some((channel(&topic, ros::CAMERA_INFO, definition, &metadata)?, info))
+                }
+                None => None,
+            };
+            metadata.insert(NOTE.into(), Facts::of(like).note());
+            let topic = format!("/{name}/image_raw");
+            let images = channel(&topic, ros::IMAGE, ros::IMAGE_DEFINITION, &metadata)?;
+            Ok(Topics { name: name.to_string(), images, info, sequence: 0 })
+        });
+        let cameras = topics.collect::<Result<Vec<_>>>()?;
+        Ok(Self { writer, pending, cameras })
     }
 
     /// The bytes that come next in the file, up to and with this frame; `stamp_ns` since the
@@ -106,6 +137,14 @@ impl Recording {
     /// # Errors
     /// Samples beyond the bits, a size beyond ROS's.
     pub fn frame(&mut self, frame: &RawFrame, stamp_ns: u64) -> Result<Vec<u8>> {
+        self.frame_of(0, frame, stamp_ns)
+    }
+
+    /// The same of one of several cameras.
+    ///
+    /// # Errors
+    /// Those of [`Self::frame`], a camera that is none of them.
+    pub fn frame_of(&mut self, camera: usize, frame: &RawFrame, stamp_ns: u64) -> Result<Vec<u8>> {
         check_range(&frame.data, frame.bits)?;
         let size = |n: usize| {
             u32::try_from(n).map_err(|_| Error::limit(format!("{n} pixels in a row of ROS's")))
@@ -118,19 +157,21 @@ impl Recording {
         };
         let encoding = ros::encoding(&frame.cfa, bytes)?;
         let image = Image { width, height, encoding, data };
-        if let Some((channel, info)) = self.camera {
-            self.message(channel, stamp_ns, &info.encode(width, height, stamp_ns))?;
+        let topics = self.cameras.get_mut(camera);
+        let topics = topics.ok_or_else(|| Error::internal(format!("no camera {camera}")))?;
+        let sequence = topics.sequence;
+        let mut message = |channel_id: u16, data: &[u8]| {
+            let (log_time, publish_time) = (stamp_ns, stamp_ns);
+            let header = MessageHeader { channel_id, sequence, log_time, publish_time };
+            self.writer.write_to_known_channel(&header, data).map_err(failed)
+        };
+        if let Some((channel, info)) = topics.info {
+            message(channel, &info.encode((width, height), stamp_ns, &topics.name))?;
         }
-        self.message(self.images, stamp_ns, &image.encode(stamp_ns))?;
-        self.sequence = self.sequence.wrapping_add(1);
+        message(topics.images, &image.encode(stamp_ns, &topics.name))?;
+        topics.sequence = sequence.wrapping_add(1);
         self.writer.flush().map_err(failed)?;
         Ok(self.pending.fetch())
-    }
-
-    fn message(&mut self, channel_id: u16, stamp_ns: u64, data: &[u8]) -> Result<()> {
-        let (log_time, publish_time, sequence) = (stamp_ns, stamp_ns, self.sequence);
-        let header = MessageHeader { channel_id, sequence, log_time, publish_time };
-        self.writer.write_to_known_channel(&header, data).map_err(failed)
     }
 
     /// The bytes of the file's end: its channels and statistics.
@@ -345,6 +386,36 @@ mod tests {
 
     /// Chunks as other writers pack them, with an index behind them that no longer fits.
     #[test]
+    fn several_cameras_have_topics_of_their_own() {
+        let (left, right) = (frame(8, "mono"), frame(10, "RGGB"));
+        let cameras = [
+            Recorded { name: "left", like: &left, info: None },
+            Recorded { name: "right", like: &right, info: Some(info()) },
+        ];
+        let mut recording = Recording::of(&cameras).unwrap();
+        let mut bytes = Vec::new();
+        for i in 0..2 {
+            bytes.extend(recording.frame_of(0, &left, 10 * i).unwrap());
+            bytes.extend(recording.frame_of(1, &right, 10 * i + 1).unwrap());
+        }
+        bytes.extend(recording.finish().unwrap());
+        let messages = MessageStream::new(&bytes).unwrap().map(|message| message.unwrap());
+        let seen: Vec<_> =
+            messages.map(|m| (m.channel.topic.clone(), m.log_time, m.sequence)).collect();
+        let seen = seen.iter().map(|(topic, time, sequence)| (&topic[..], *time, *sequence));
+        let expected = [0, 1].map(|i: u32| {
+            let time = 10 * u64::from(i);
+            [
+                ("/left/image_raw", time, i),
+                ("/right/camera_info", time + 1, i),
+                ("/right/image_raw", time + 1, i),
+            ]
+        });
+        assert_eq!(seen.collect::<Vec<_>>(), expected.concat());
+        assert!(decode(&bytes).unwrap_err().to_string().contains("several topics"));
+    }
+
+    #[test]
     fn compressed_chunks_are_read() {
         let frame = frame(12, "GBRG");
         let plain = recorded(&frame, None);
@@ -387,7 +458,7 @@ mod tests {
             [("16UC1", vec![1, 2, 3, 4], vec![513, 1027]), ("8UC1", vec![1, 2], vec![1, 2])]
         {
             let image = Image { width: 2, height: 1, encoding: encoding.into(), data };
-            assert_eq!(Image::decode(&image.encode(0)).unwrap(), (None, 2, 1, samples));
+            assert_eq!(Image::decode(&image.encode(0, CAMERA)).unwrap(), (None, 2, 1, samples));
         }
     }
 
@@ -430,8 +501,8 @@ mod tests {
         expected.extend([1, 0, 0, 0, 2, 0, 0, 0, 6, 0, 0, 0]);
         expected.extend(b"mono8\0\0\0"); // not big-endian, one byte of padding
         expected.extend([2, 0, 0, 0, 2, 0, 0, 0, 7, 9]);
-        assert_eq!(image.encode(1_000_000_002), expected);
-        let message = info().encode(4, 2, 0);
+        assert_eq!(image.encode(1_000_000_002, CAMERA), expected);
+        let message = info().encode((4, 2), 0, CAMERA);
         // Head, stamp, frame, sizes, "plumb_bob", count: 4 + 8 + 11 + 1 + 8 + 14 + 2 + 4, then d.
         let f64_at = |at: usize| f64::from_le_bytes(message[at..at + 8].try_into().unwrap());
         assert_eq!([0, 1, 2, 3, 4].map(|i| f64_at(52 + 8 * i)), [-0.1, 0.02, 0.0, 0.0, 0.0]);
@@ -457,8 +528,8 @@ mod tests {
             assert!(decode(&bytes[..end]).is_err(), "{end}");
         }
         let message = Image { width: 2, height: 2, encoding: "rgb8".into(), data: vec![0; 12] };
-        assert!(Image::decode(&message.encode(0)).is_err());
+        assert!(Image::decode(&message.encode(0, CAMERA)).is_err());
         let message = Image { width: 9, height: 9, encoding: "mono16".into(), data: vec![0; 12] };
-        assert!(Image::decode(&message.encode(0)).is_err());
+        assert!(Image::decode(&message.encode(0, CAMERA)).is_err());
     }
 }

@@ -61,8 +61,6 @@ pub const CAMERA_INFO_DEFINITION: &str = concat!(
     header!()
 );
 
-/// Name of the frame of reference of both messages.
-const FRAME_ID: &str = "camera";
 /// Head of a message: CDR, little-endian.
 const HEAD: [u8; 4] = [0, 1, 0, 0];
 /// Nanoseconds in a second.
@@ -85,11 +83,12 @@ pub struct CameraInfo {
 struct Writer(Vec<u8>);
 
 impl Writer {
-    fn new(stamp_ns: u64) -> Self {
+    /// A message of this time, in this frame of reference.
+    fn new(stamp_ns: u64, frame_id: &str) -> Self {
         let mut message = Self(HEAD.to_vec());
         message.u32((stamp_ns / NS_PER_S) as u32);
         message.u32((stamp_ns % NS_PER_S) as u32);
-        message.text(FRAME_ID);
+        message.text(frame_id);
         message
     }
 
@@ -169,10 +168,10 @@ fn layout(encoding: &str) -> Result<(Option<Cfa>, usize)> {
 }
 
 impl Image {
-    /// The message's bytes; `stamp_ns` since the recording's begin.
-    pub fn encode(&self, stamp_ns: u64) -> Vec<u8> {
+    /// The message's bytes; `stamp_ns` since the recording's begin, in a frame of reference.
+    pub fn encode(&self, stamp_ns: u64, frame_id: &str) -> Vec<u8> {
         let step = self.data.len() / (self.height as usize).max(1);
-        let mut message = Writer::new(stamp_ns);
+        let mut message = Writer::new(stamp_ns, frame_id);
         message.u32(self.height);
         message.u32(self.width);
         message.text(&self.encoding);
@@ -228,10 +227,10 @@ impl CameraInfo {
     }
 
     /// The message's bytes for images of `width` x `height` pixels; `stamp_ns` since the
-    /// recording's begin.
-    pub fn encode(&self, width: u32, height: u32, stamp_ns: u64) -> Vec<u8> {
+    /// recording's begin, in a frame of reference.
+    pub fn encode(&self, (width, height): (u32, u32), stamp_ns: u64, frame_id: &str) -> Vec<u8> {
         let ([fx, fy], [cx, cy], [k1, k2, k3]) = (self.focal_px, self.centre_px, self.radial);
-        let mut message = Writer::new(stamp_ns);
+        let mut message = Writer::new(stamp_ns, frame_id);
         message.u32(height);
         message.u32(width);
         message.text("plumb_bob");

@@ -50,6 +50,7 @@ pub mod stage;
 pub mod tcp;
 pub mod token;
 pub mod transport;
+pub mod trigger;
 mod url;
 
 pub use client::{FrameRequest, Rig, RigFrame};
