@@ -277,6 +277,63 @@ fn recordings_are_read_by_two_readers_of_ros() {
     assert_eq!(std::fs::read(dir.path().join("back_64x48_SGRBG10.raw")).unwrap(), own);
 }
 
+/// Two cameras on one trigger: each one's frames are those of this process, and 1 ms between them,
+/// with a jitter of 20 µs in each, comes back from the stamps of 60 frames within 10 µs (the mean
+/// is known to 3.7 µs).
+#[test]
+fn cameras_on_one_trigger_are_recorded_together() {
+    let Some(python) = camrig_tests::client("rosbags") else { return };
+    let dir = folder();
+    let camera = |name: &str, more: &str, seed: u32| {
+        format!(
+            "[[camera]]\nname = \"{name}\"\njitter_s = 20e-6\n{more}\noptions = [\"--camera\", \
+             \"c.toml\", \"--scene\", \"ramp\", \"--exposure\", \"8ms\", \"--seed\", \"{seed}\"]\n"
+        )
+    };
+    let both = camera("left", "", 1) + &camera("right", "offset_s = 0.001", 2);
+    let file = format!("format = \"rig-cameras/1\"\nfps = 50\nframes = 60\n{both}");
+    std::fs::write(dir.path().join("both.toml"), &file).unwrap();
+    camrig_ok(dir.path(), "rig record both.toml -o both.mcap --log both.jsonl");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/peers/ros_recording.py");
+    let found = camrig_tests::run(&python, &[&script, &dir.path().join("both.mcap")]);
+    let found: serde_json::Value = serde_json::from_slice(&found).unwrap();
+    let log = std::fs::read_to_string(dir.path().join("both.jsonl")).unwrap();
+    assert_eq!(log.lines().count(), 120);
+    for reader in ["mcap-ros2-support", "rosbags"] {
+        let images = |name: &str| {
+            let topic = format!("/{name}/image_raw");
+            let all = found[reader].as_array().unwrap().iter();
+            all.filter(|m| m["topic"] == topic.as_str()).cloned().collect::<Vec<_>>()
+        };
+        let (left, right) = (images("left"), images("right"));
+        assert_eq!((left.len(), right.len()), (60, 60), "{reader}");
+        let stamp = |m: &serde_json::Value| m["stamp_ns"].as_u64().unwrap() as f64;
+        let later = std::iter::zip(&left, &right).map(|(l, r)| stamp(r) - stamp(l));
+        let mean_ns = later.sum::<f64>() / 60.0;
+        assert!((mean_ns - 1e6).abs() < 10e3, "{reader}: {mean_ns} ns");
+    }
+    for (name, seed) in [("left", 1), ("right", 2)] {
+        let light = format!("--scene ramp --frames 60 --seed {seed}");
+        let here = format!("simulate --camera c.toml --exposure 8ms {light} -o - --to SGRBG10");
+        let own = camrig_ok(dir.path(), &here).stdout;
+        let hex: String = own.iter().map(|byte| format!("{byte:02x}")).collect();
+        let topic = format!("/{name}/image_raw");
+        let all = found["rosbags"].as_array().unwrap().iter();
+        let data =
+            all.filter(|m| m["topic"] == topic.as_str()).map(|m| m["data"].as_str().unwrap());
+        assert!(data.collect::<String>() == hex, "{name}");
+    }
+    // One camera that cannot begin ends the others, and its reason is told.
+    let replaced = |from: &str, to: &str| {
+        std::fs::write(dir.path().join("wrong.toml"), file.replacen(from, to, 1)).unwrap();
+    };
+    replaced("ramp", "nonesuch");
+    refuses(dir.path(), "rig record wrong.toml -o wrong.mcap", &["nonesuch", "camera \"left\""]);
+    assert!(!dir.path().join("wrong.mcap").exists());
+    replaced("\"--seed\", \"1\"", "\"--fps\", \"30\"");
+    refuses(dir.path(), "rig record wrong.toml -o wrong.mcap", &["--fps", "leave it out"]);
+}
+
 /// A region and binned pixels of a rig's frames are those of `simulate`; a capture set says what
 /// was read.
 #[test]
