@@ -277,6 +277,50 @@ fn recordings_are_read_by_two_readers_of_ros() {
     assert_eq!(std::fs::read(dir.path().join("back_64x48_SGRBG10.raw")).unwrap(), own);
 }
 
+/// The protocol's reference implementation finds the frames of this process, and would have written
+/// the same bytes.
+#[test]
+fn frames_on_a_display_link_are_those_of_the_reference() {
+    let Some(python) = camrig_tests::client("bayerlink") else { return };
+    let dir = folder();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/peers/bayerlink_frames.py");
+    for (bits, cfa, code, own) in [
+        (8, "BGGR", "BA81", "SBGGR8"),
+        (10, "GRBG", "pgAA", "SGRBG10"),
+        (12, "RGGB", "pRCC", "SRGGB12"),
+        (12, "mono", "Y12P", "Y12"),
+        (14, "GBRG", "pGEE", "SGBRG14"),
+        (16, "mono", "Y16 ", "Y16"),
+    ] {
+        let keys = [("bits", format!("{bits}")), ("cfa", format!("\"{cfa}\""))];
+        let keys = keys.each_ref().map(|(key, value)| (*key, value.as_str()));
+        std::fs::write(dir.path().join("b.toml"), small_camera(64, 48, &keys)).unwrap();
+        let light = "--camera b.toml --exposure 8ms --scene ramp --frames 2";
+        let to = "-o frames --to bayerlink:128x50";
+        camrig_ok(dir.path(), &format!("rig stream emulator: {light} {to}"));
+        let found =
+            camrig_tests::run(&python, &[&script, &dir.path().join("frames"), &"128", &"50"]);
+        let found: Vec<serde_json::Value> = serde_json::from_slice(&found).unwrap();
+        let here = camrig_ok(dir.path(), &format!("simulate {light} -o - --to {own}")).stdout;
+        let own: Vec<u16> = match bits {
+            8 => here.iter().map(|&dn| dn.into()).collect(),
+            _ => words(&here),
+        };
+        for (i, (frame, own)) in found.iter().zip(own.chunks(64 * 48)).enumerate() {
+            assert_eq!((&frame["fourcc"], &frame["frame_seq"]), (&code.into(), &i.into()));
+            assert_eq!(frame["samples"], serde_json::json!(own), "{cfa} {bits}");
+            assert_eq!(frame["equal"], true, "{cfa} {bits}");
+        }
+        assert_eq!(found.len(), 2);
+        std::fs::remove_file(dir.path().join("frames")).unwrap();
+    }
+    refuses(
+        dir.path(),
+        &format!("{RIG} --scene ramp -o x --to bayerlink:16x9"),
+        &["10 bits", "bayerlink:WIDTHxHEIGHT"],
+    );
+}
+
 /// Two cameras on one trigger: each one's frames are those of this process, and 1 ms between them,
 /// with a jitter of 20 µs in each, comes back from the stamps of 60 frames within 10 µs (the mean
 /// is known to 3.7 µs).

@@ -150,10 +150,11 @@ pub struct Args {
     output: Option<PathBuf>,
     /// Output format, if the name does not determine it: csi2 (default for -), mcap (recording of
     /// ROS 2 images with CameraInfo; times from --fps, or measured), pgm, y4m (sensors without
-    /// colour filters), or the V4L2 name of headerless pixels. csi2 has an embedded data line in
-    /// each frame and numbers frames by the sensor's counter, so that lost frames leave a gap.
-    /// Headerless pixels are scaled if they have another bit depth than the sensor: from 10 bits,
-    /// SRGGB16 is shifted left by 6 and SRGGB8 right by 2
+    /// colour filters), bayerlink (pixels of a display link, or bayerlink:WIDTHxHEIGHT), or the
+    /// V4L2 name of headerless pixels. csi2 has an embedded data line in each frame and numbers
+    /// frames by the sensor's counter, so that lost frames leave a gap. Headerless pixels are
+    /// scaled if they have another bit depth than the sensor: from 10 bits, SRGGB16 is shifted left
+    /// by 6 and SRGGB8 right by 2
     #[arg(long, value_name = "FORMAT", requires = "output")]
     to: Option<String>,
     /// Do not return the raw rows: the rig sends them out through its own raw output (DVP, CSI,

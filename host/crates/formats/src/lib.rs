@@ -53,6 +53,7 @@
 //! ```
 #![cfg_attr(not(test), deny(clippy::disallowed_methods))]
 
+pub mod bayerlink;
 mod cfa_codes;
 pub mod color;
 pub mod csi2;
@@ -90,6 +91,7 @@ mod tiff_samples;
 pub mod wide;
 pub mod y4m;
 
+pub use bayerlink::Display;
 use camrig_base::{Dn, Error, ErrorCode, Plane, RawFrame, Result};
 pub use dng_info::{ColorMatrix, DngInfo};
 pub use facts::Facts;
@@ -132,6 +134,9 @@ pub enum Format {
     Mcap,
     /// YUV4MPEG2, grey video of a sensor without colour filters; written, not read.
     Y4m,
+    /// Pixels of a display link that carry raw frames, one display after another; written, not
+    /// read.
+    Bayerlink(Display),
     /// Headerless pixels in a V4L2 format, one frame after another.
     Raw(PixelFormat),
 }
@@ -214,8 +219,8 @@ impl Frames {
 }
 
 impl Format {
-    /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, mcap, y4m, or a V4L2 pixel
-    /// format.
+    /// A format by its name: dng, tiff, npy, pgm, png, fits, csi2, mcap, y4m, bayerlink (with
+    /// `:WIDTHxHEIGHT` of a display), or a V4L2 pixel format.
     ///
     /// # Errors
     /// A name that is none of these.
@@ -230,10 +235,18 @@ impl Format {
             "csi2" => Self::Csi2,
             "mcap" => Self::Mcap,
             "y4m" => Self::Y4m,
+            "bayerlink" => Self::Bayerlink(Display::default()),
+            on_display if on_display.starts_with("bayerlink:") => {
+                let size = on_display.trim_start_matches("bayerlink:");
+                Self::Bayerlink(Display::parse(size).ok_or_else(|| {
+                    Error::input(format!("a display of {size:?}"))
+                        .help("WIDTHxHEIGHT in pixels, for instance bayerlink:1920x1080")
+                })?)
+            }
             _ => Self::Raw(PixelFormat::parse(name).map_err(|_| {
                 Error::unsupported(format!("raw format {name:?}")).help(
-                    "use dng, tiff, npy, pgm, png, fits, csi2, mcap, y4m, or a V4L2 or GenICam \
-                     pixel format like SGRBG10P",
+                    "use dng, tiff, npy, pgm, png, fits, csi2, mcap, y4m, bayerlink, or a V4L2 or \
+                     GenICam pixel format like SGRBG10P",
                 )
             })?),
         })
@@ -296,7 +309,10 @@ impl Format {
     /// Whether frames of this format follow one another, so that each can be written when it is
     /// there ([`live`]).
     pub fn is_stream(&self) -> bool {
-        matches!(self, Self::Pgm | Self::Csi2 | Self::Mcap | Self::Y4m | Self::Raw(_))
+        matches!(
+            self,
+            Self::Pgm | Self::Csi2 | Self::Mcap | Self::Y4m | Self::Bayerlink(_) | Self::Raw(_)
+        )
     }
 
     /// The bytes of a file of this format.
@@ -330,6 +346,13 @@ impl Format {
             #[cfg(feature = "mcap")]
             Self::Mcap => mcap::encode(frames),
             Self::Y4m => y4m::encode(frames),
+            Self::Bayerlink(display) => {
+                let mut bytes = Vec::new();
+                for (number, i) in (0..).zip(0..frames.planes.len()) {
+                    bytes.extend(bayerlink::encode(&frames.raw(i)?, *display, number)?);
+                }
+                Ok(bytes)
+            }
             Self::Raw(pixels) => pixels.encode(frames, None),
             #[cfg(not(all(feature = "mcap", feature = "png", feature = "tiff")))]
             other => Err(left_out(other)),
@@ -349,6 +372,7 @@ impl fmt::Display for Format {
             Self::Csi2 => "csi2",
             Self::Mcap => "mcap",
             Self::Y4m => "y4m",
+            Self::Bayerlink(display) => return display.fmt(f),
             Self::Raw(pixels) => return pixels.fmt(f),
         })
     }
@@ -393,7 +417,7 @@ pub fn decode(bytes: &[u8]) -> Result<Frames> {
         Some(Format::Csi2) => csi2::decode(bytes),
         #[cfg(feature = "mcap")]
         Some(Format::Mcap) => mcap::decode(bytes),
-        Some(Format::Raw(_) | Format::Y4m) | None => {
+        Some(Format::Raw(_) | Format::Y4m | Format::Bayerlink(_)) | None => {
             Err(Error::unsupported("not in a known raw format").help(
                 "known by content: DNG, TIFF, NPY, PGM and PAM (P2, P5, P7), PNG, FITS, CSI-2 \
              packets, MCAP; headerless raw needs a name like NAME_640x480_SGRBG10P.raw",

@@ -7,7 +7,7 @@
 
 #[cfg(feature = "mcap")]
 use super::mcap::{CameraInfo, Recording};
-use super::{Facts, Format, Frames, csi2, wide, y4m};
+use super::{Facts, Format, Frames, bayerlink, csi2, wide, y4m};
 use camrig_base::{Error, RawFrame, Result};
 use std::borrow::Cow;
 
@@ -72,7 +72,7 @@ impl LiveEncoder {
         }
         Err(Error::unsupported(format!("a stream of frames as {format}")).help(
             "formats in which frames follow one another are csi2, mcap, pgm, y4m and headerless \
-             pixels such as SGRBG10P",
+             pixels such as SGRBG10P; and bayerlink",
         ))
     }
 
@@ -139,8 +139,19 @@ impl LiveEncoder {
             "no frame rate is known: frames whose time is not known either are stamped 1 s apart"
                 .to_string()
         });
-        let left_out = self.format.leaves_out(&Facts::of(frame));
-        left_out.into_iter().chain(full_scale).chain(stamps).collect()
+        let display = match &self.format {
+            Format::Bayerlink(display) => display.size(frame).ok(),
+            _ => None,
+        };
+        let display = display.map(|(width, height)| {
+            format!(
+                "{} is {width} x {height} pixels of 24 bits: rgb24, to be shown unscaled and at \
+                 full range",
+                self.format
+            )
+        });
+        let left_out = self.format.leaves_out(&Facts::of(frame)).into_iter().chain(display);
+        left_out.chain(full_scale).chain(stamps).collect()
     }
 
     /// Time of the next frame, ns.
@@ -180,6 +191,7 @@ impl LiveEncoder {
                 };
                 recording.frame(frame, stamp_ns)?
             }
+            Format::Bayerlink(display) => bayerlink::encode(frame, *display, self.count as u32)?,
             other => other.encode(&Frames::from_raw(frame))?,
         };
         self.count += 1;
@@ -290,7 +302,7 @@ mod tests {
     fn frames_one_by_one_are_those_of_a_whole_file() {
         let mut whole = Frames::from_raw(&frame("mono"));
         whole.planes = vec![whole.planes[0].clone(); 3];
-        for name in ["csi2", "mcap", "pgm", "y4m", "Y10", "Y10P"] {
+        for name in ["csi2", "mcap", "pgm", "y4m", "bayerlink:16x4", "Y10", "Y10P"] {
             let mut encoder = encoder(name);
             let mut bytes = Vec::new();
             for _ in 0..3 {

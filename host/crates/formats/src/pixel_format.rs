@@ -45,6 +45,11 @@ impl PixelFormat {
         })
     }
 
+    /// V4L2's four-character code of it; `None` where V4L2 has none.
+    pub fn four_characters(&self) -> Option<[u8; 4]> {
+        names::code(self)
+    }
+
     /// Whether a file of this name is headerless: `.raw` and `.bin`.
     pub fn is_headerless(path: &Path) -> bool {
         let headerless =

@@ -67,6 +67,22 @@ pub(super) fn find(name: &str) -> Option<PixelFormat> {
     genicam(&upper).or_else(|| ffmpeg(&upper)).or_else(|| linux(&upper))
 }
 
+/// V4L2's four-character code of a pixel format, padded with spaces.
+pub(super) fn code(pixels: &PixelFormat) -> Option<[u8; 4]> {
+    let name = pixels.cfa.to_string();
+    let pattern = if pixels.cfa.is_mono() { "Y" } else { &name };
+    let is = |(_, of, bits, layout): &&(&str, &str, u32, Layout)| {
+        (*of, *bits, *layout) == (pattern, pixels.bits, pixels.layout)
+    };
+    let code = match (pattern, pixels.bits, pixels.layout) {
+        ("RGGB" | "GRBG" | "GBRG", 8, Layout::Words) => pattern.to_string(),
+        ("Y", bits @ (10 | 12 | 14 | 16), Layout::Words) => format!("Y{bits} "),
+        ("Y", bits @ (10 | 12 | 14), Layout::Mipi) => format!("Y{bits}P"),
+        _ => CODES.iter().find(is)?.0.to_string(),
+    };
+    code.into_bytes().try_into().ok()
+}
+
 /// `S` and a pattern, or `Y` or `R` (libcamera), bits, and the layout.
 fn linux(upper: &str) -> Option<PixelFormat> {
     let upper = if upper == "GREY" { "Y8" } else { upper };
