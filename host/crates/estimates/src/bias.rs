@@ -258,7 +258,7 @@ impl Bias {
             .iter()
             .filter(|v| chi_square(**v / median_variance, n - 1.0) > NOISY)
             .count() as f64;
-        let pattern = pattern(stack, sites);
+        let pattern = pattern(halves(stack, |_, _| true), width, sites);
         // A sensor's own rows and columns move its level, too.
         let by_lines = pattern.rows.value.max(0.0) / height as f64
             + pattern.columns.value.max(0.0) / width as f64;
@@ -340,24 +340,46 @@ fn spread_of_noise(variances: &[f64], dof: f64) -> Value {
     Value::new(0.5 * own.sqrt(), 0.5 * (above.sqrt() - own.sqrt()))
 }
 
+/// Variance over pixels of the offset at exposure 0, DN²: on the line through the means of a short
+/// and a long dark stack, so that charge in proportion to the exposure is not in it, whatever its
+/// law over pixels. Frames and rows of the long stack count where they are `held`; none where a row
+/// has no two of them.
+pub(crate) fn offsets_at_0(
+    short: &Stack,
+    long: &Stack,
+    held: impl Fn(usize, usize) -> bool,
+    sites: Sites,
+) -> Option<Value> {
+    let over = short.exposure_s / (long.exposure_s - short.exposure_s);
+    let mut at_0 = halves(short, |_, _| true);
+    for (short, long) in at_0.iter_mut().zip(halves(long, held)) {
+        short.iter_mut().zip(long).for_each(|(s, l)| *s -= over * (l - *s));
+    }
+    let known = at_0.iter().flatten().all(|v| v.is_finite());
+    known.then(|| pattern(at_0, short.size().0, sites).pixels)
+}
+
+/// The means of even and of odd frames, of those and their rows that are `held`.
+fn halves(stack: &Stack, held: impl Fn(usize, usize) -> bool) -> [Vec<f64>; 2] {
+    [0, 1].map(|parity| stack.mean_map(|i, y| i % 2 == parity && held(i, y)).0)
+}
+
 /// The fixed pattern by the products of the means of even and odd frames, in which noise does not
 /// count.
-fn pattern(stack: &Stack, sites: Sites) -> Pattern {
+fn pattern(mut halves: [Vec<f64>; 2], width: usize, sites: Sites) -> Pattern {
     /// Least width at which the maps are clipped, DN.
     const LEAST_WIDTH: f64 = 0.2;
-    let (width, height) = stack.size();
-    let mut halves = [0, 1].map(|parity| {
-        let (mut map, _) = stack.mean_map(|i, _| i % 2 == parity);
+    let height = halves[0].len() / width;
+    for map in &mut halves {
         let levels: Vec<f64> = sites
-            .split(&map, width)
+            .split(map, width)
             .into_iter()
             .map(|site| clipped_mean(site, CLIP).value)
             .collect();
         for (y, row) in map.chunks_mut(width).enumerate() {
             row.iter_mut().enumerate().for_each(|(x, v)| *v -= levels[sites.of(x, y)]);
         }
-        map
-    });
+    }
     let reach = 5.0 * mad_sd(&halves[0]).max(LEAST_WIDTH);
     halves.iter_mut().flatten().for_each(|v| *v = v.clamp(-reach, reach));
     let products = |halves: &[Vec<f64>; 2]| -> Vec<f64> {

@@ -10,6 +10,8 @@ use super::{Sites, Stack};
 use camrig_base::Value;
 use camrig_base::tails::chi_square;
 
+/// Longest over shortest exposure from which dark stacks tell dark current from offsets.
+pub const MIN_SPAN: f64 = 1.5;
 /// Widths of the core above the median from which a pixel is hot.
 const HOT: f64 = 6.0;
 /// Robust standard deviations of rows' medians from which a whole row is hot.

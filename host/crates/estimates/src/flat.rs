@@ -34,8 +34,10 @@ const NOISY: f64 = 6.0;
 const BY_CHANCE: f64 = 6.0;
 /// Half the side of the square whose mean is removed from gain maps, pixels.
 const REACH: usize = 4;
+/// Its side, pixels.
+pub(crate) const SIDE: usize = 2 * REACH + 1;
 /// Pixels of that square.
-pub const SQUARE: usize = (2 * REACH + 1) * (2 * REACH + 1);
+pub const SQUARE: usize = SIDE * SIDE;
 
 /// What a flat stack shows.
 #[derive(Clone, Debug)]
@@ -100,6 +102,12 @@ pub struct Site {
 impl Flat {
     /// Of a stack of two frames or more, with the bias of the same gain.
     pub fn of(stack: &Stack, bias: &Bias, sites: Sites) -> Self {
+        Self::with_gains(stack, bias, sites).0
+    }
+
+    /// The same with the maps of the gain, less 1 and what is smooth, by even and by odd frames;
+    /// 0 where pixels stand out.
+    pub(crate) fn with_gains(stack: &Stack, bias: &Bias, sites: Sites) -> (Self, [Vec<f64>; 2]) {
         let (width, height) = stack.size();
         let frames: Vec<Vec<f64>> = (0..stack.frames.len())
             .into_par_iter()
@@ -140,14 +148,9 @@ impl Flat {
             map.iter_mut().zip(&used).for_each(|(v, used)| *v = if *used { *v } else { 0.0 });
             remove_local_mean(map, width);
         }
-        let products = |dx: usize, dy: usize| products(&halves, width, dx, dy);
-        let whole_product = mean(&products(0, 0)).value.max(1e-9);
-        let correlation = |(dx, dy)| {
-            let lag = mean(&products(dx, dy));
-            Value { value: lag.value / whole_product, std_error: lag.std_error / whole_product }
-        };
+        let gain_correlation = correlations(&halves, width, [(1, 0), (0, 1), (2, 0), (0, 2)]);
         let by_site = maps.iter().enumerate().map(|(s, maps)| {
-            let own = products(0, 0).into_iter().enumerate();
+            let own = products(&halves, width, 0, 0).into_iter().enumerate();
             let own = own.filter(|(p, _)| used[*p] && sites.of(p % width, p / width) == s);
             let product = mean(&own.map(|(_, v)| v).collect::<Vec<_>>());
             // The mean over the square contains the pixel itself.
@@ -161,18 +164,24 @@ impl Flat {
                 },
             }
         });
-        Self {
+        let flat = Self {
             stack: stack.id.clone(),
             exposure_s: stack.exposure_s,
             flicker: Flicker::of(&lines, &maps, sites),
             frame_sd: Value { value: frame_sd, std_error: frame_sd / (2.0 * (n - 1.0)).sqrt() },
             sites: by_site.collect(),
-            gain_correlation: [(1, 0), (0, 1), (2, 0), (0, 2)].map(correlation),
+            gain_correlation,
             defective_columns,
             defective_gain,
             defective_areas,
             transfer_inefficiency: inefficiency(&frames, width, bias.clipped_variance),
-        }
+        };
+        (flat, halves)
+    }
+
+    /// The mean level of the sites above black, DN.
+    pub fn level(&self) -> f64 {
+        self.sites.iter().map(|s| s.level.value).sum::<f64>() / self.sites.len().max(1) as f64
     }
 }
 
@@ -598,11 +607,10 @@ fn mirrored(i: isize, n: usize) -> usize {
 /// Takes the mean of the square around each pixel off it, edges mirrored.
 fn remove_local_mean(map: &mut [f64], width: usize) {
     let height = map.len() / width;
-    let side = 2 * REACH + 1;
     let running = |n: usize, at: &dyn Fn(usize) -> f64| -> Vec<f64> {
         let around =
-            |i: usize| (0..side).map(move |k| mirrored((i + k) as isize - REACH as isize, n));
-        (0..n).map(|i| around(i).map(at).sum::<f64>() / side as f64).collect()
+            |i: usize| (0..SIDE).map(move |k| mirrored((i + k) as isize - REACH as isize, n));
+        (0..n).map(|i| around(i).map(at).sum::<f64>() / SIDE as f64).collect()
     };
     let along: Vec<f64> = map.chunks(width).flat_map(|row| running(width, &|x| row[x])).collect();
     for x in 0..width {
@@ -611,13 +619,26 @@ fn remove_local_mean(map: &mut [f64], width: usize) {
     }
 }
 
-/// Products of the maps of even and odd frames at a distance, in which noise does not count.
-fn products([a, b]: &[Vec<f64>; 2], width: usize, dx: usize, dy: usize) -> Vec<f64> {
+/// Correlations of the gains of pixels at these distances in columns and rows, of the maps of even
+/// and of odd frames.
+pub(crate) fn correlations<const N: usize>(
+    halves: &[Vec<f64>; 2],
+    width: usize,
+    distances: [(isize, usize); N],
+) -> [Value; N] {
+    let whole = mean(&products(halves, width, 0, 0)).value.max(1e-9);
+    distances.map(|(dx, dy)| mean(&products(halves, width, dx, dy)).scaled(whole.recip()))
+}
+
+/// Products of the maps of even and odd frames at a distance to the right, or left, and below, in
+/// which noise does not count.
+pub(crate) fn products([a, b]: &[Vec<f64>; 2], width: usize, dx: isize, dy: usize) -> Vec<f64> {
     let height = a.len() / width;
-    let pairs = (0..height - dy).flat_map(|y| (0..width - dx).map(move |x| (x, y)));
+    let [left, right] = [(-dx).max(0) as usize, dx.max(0) as usize];
+    let pairs = (0..height - dy).flat_map(|y| (left..width - right).map(move |x| (x, y)));
     pairs
         .map(|(x, y)| {
-            let (here, there) = (y * width + x, (y + dy) * width + x + dx);
+            let (here, there) = (y * width + x, (y + dy) * width + x + right - left);
             0.5 * (a[here] * b[there] + b[here] * a[there])
         })
         .collect()

@@ -20,6 +20,7 @@
 //! | [`areas`] | rows, parts of lines and clusters that stand out |
 //! | `transfer` | charge that a CCD leaves behind |
 //! | [`flat`] | flicker, gain, PRNU, defective columns and areas |
+//! | [`prnu`] | the gain's spread over pixels, in its own part and what neighbours share |
 //! | [`dark`] | dark current, its pattern, hot pixels, offsets from frame to frame |
 //! | [`drift`] | levels that wander from frame to frame, with their memory |
 //! | [`gains`] | noise and patterns behind the gain, from the bias at several gains |
@@ -59,6 +60,7 @@ pub mod dark;
 pub mod drift;
 pub mod flat;
 pub mod gains;
+pub mod prnu;
 pub mod robust;
 pub mod rows;
 pub mod stack;
@@ -84,8 +86,13 @@ pub struct Estimates {
     pub bias: bias::Bias,
     /// Of each flat stack.
     pub flats: Vec<flat::Flat>,
+    /// The parts of the pixels' gain, over all flats; none without light.
+    pub prnu: Option<prnu::Prnu>,
     /// DN per electron: the mean over flat stacks and sites.
     pub gain: Option<Value>,
+    /// Variance over pixels of the offset at exposure 0, DN²; none where the exposures of the dark
+    /// stacks are too near to tell offsets from dark current.
+    pub pixel_offsets: Option<Value>,
     /// Of the dark stacks over exposure.
     pub dark_current: Option<dark::DarkCurrent>,
     /// Offsets from frame to frame, pooled over the dark stacks.
@@ -127,9 +134,18 @@ pub fn estimate(stacks: &[Stack], sites: Sites, dn_per_e: f64) -> Result<Estimat
     }
     let torn = torn::find(&darks);
     let bias = bias::Bias::of(shortest, sites);
+    let longest = darks.last().filter(|s| s.exposure_s > dark::MIN_SPAN * shortest.exposure_s);
+    let pixel_offsets = longest
+        .and_then(|long| bias::offsets_at_0(shortest, long, torn::holds(&torn, long), sites));
     let flat_stacks = stacks.iter().filter(is_main);
     let flat_stacks = flat_stacks.filter(|s| s.role == Role::Flat && s.frames.len() >= 2);
-    let flats: Vec<flat::Flat> = flat_stacks.map(|s| flat::Flat::of(s, &bias, sites)).collect();
+    let mut gains = prnu::Gains::default();
+    let of_flat = |stack: &Stack| {
+        let (flat, halves) = flat::Flat::with_gains(stack, &bias, sites);
+        gains.add(&flat, stack.frames.len(), &halves);
+        flat
+    };
+    let flats: Vec<flat::Flat> = flat_stacks.map(of_flat).collect();
     let gain = Value::combine(flats.iter().flat_map(|f| f.sites.iter().map(|s| s.gain)));
     let darks: Vec<dark::Dark<'_>> =
         darks.par_iter().map(|stack| dark::Dark::read(stack, &torn)).collect();
@@ -148,7 +164,9 @@ pub fn estimate(stacks: &[Stack], sites: Sites, dn_per_e: f64) -> Result<Estimat
         torn,
         bias,
         flats,
+        prnu: gains.prnu(size.0),
         gain,
+        pixel_offsets,
         dark_current,
         frame_offsets,
         telegraph,

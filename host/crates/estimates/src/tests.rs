@@ -169,6 +169,8 @@ struct Sensor {
     memory: f64,
     /// Noise of pixels behind the gain, and a pattern of columns there, DN.
     behind_dn: [f64; 2],
+    /// Standard deviation of the pixels' offsets, e⁻.
+    offsets: f64,
 }
 
 const SENSOR: Sensor = Sensor {
@@ -197,6 +199,7 @@ const SENSOR: Sensor = Sensor {
     inefficiency: [0.0; 2],
     memory: 0.0,
     behind_dn: [0.0; 2],
+    offsets: 0.0,
 };
 
 impl Sensor {
@@ -229,6 +232,10 @@ impl Sensor {
             })
             .collect();
         let columns: Vec<f64> = (0..width).map(|_| self.behind_dn[1] * normal()).collect();
+        let mut of_pixels = Xoshiro256PlusPlus::seed_from_u64(seed + 3000);
+        let offsets: Vec<f64> = (0..pixels)
+            .map(|_| self.offsets * Distribution::<f64>::sample(&StandardNormal, &mut of_pixels))
+            .collect();
         let relative: Vec<f64> = (0..pixels)
             .map(|p| {
                 let dead = self.dead_column == Some(p % width);
@@ -291,8 +298,12 @@ impl Sensor {
                         } else {
                             0.0
                         };
-                        let electrons =
-                            charges[p] + read[p] * normal() + state + offset + rows[y][x % 2];
+                        let electrons = charges[p]
+                            + offsets[p]
+                            + read[p] * normal()
+                            + state
+                            + offset
+                            + rows[y][x % 2];
                         let behind = self.behind_dn[0] * normal() + columns[x];
                         (144.0 + self.gain * electrons + behind).round().clamp(0.0, 4095.0) as u16
                     })
@@ -449,6 +460,26 @@ fn hot_pixels_are_counted() {
     let dark = found.dark_current.unwrap();
     assert!((dark.hot_share.value - 0.01).abs() < 4.0 * dark.hot_share.std_error, "{dark:?}");
     assert_is(dark.median, 0.27 * 2.006, 0.01);
+}
+
+/// Darks of 5 s and more, in which hot pixels have 100 e⁻ and the others differ by 1.5 e⁻: offsets
+/// are within four errors, none or 1 e⁻.
+#[test]
+fn dark_charge_of_any_law_is_no_offset() {
+    for seed in 20..28 {
+        let offsets = f64::from(seed % 2);
+        let sensor = Sensor { hot_share: 0.01, offsets, ..SENSOR };
+        let mut stacks = sensor.stacks([96, 96], seed as u64);
+        stacks.retain(|s| s.role == Role::Flat || s.exposure_s > 0.0);
+        let found = estimate(&stacks, BAYER, 0.27).unwrap();
+        let variance = found.pixel_offsets.unwrap();
+        let off = variance.value - (0.27 * offsets).powi(2);
+        assert!(off.abs() < 4.0 * variance.std_error, "seed {seed}: {variance:?}");
+        // In the shortest dark they are one pattern with the dark charge.
+        assert!(found.bias.pattern.pixels.z() > 8.0);
+        stacks.retain(|s| s.exposure_s <= 5.0);
+        assert!(estimate(&stacks, BAYER, 0.27).unwrap().pixel_offsets.is_none());
+    }
 }
 
 #[test]

@@ -26,8 +26,6 @@ pub struct Channels {
     pub count: usize,
     /// Standard deviation of their gains, or of their offsets in DN.
     pub sd: Value,
-    /// Correlation of neighbouring channels.
-    pub beside: f64,
 }
 
 impl Channels {
@@ -91,14 +89,7 @@ impl Channels {
         let means = coarse(count);
         let square = Value::new(variance(&means) - noise, 0.0);
         let sd = square.sqrt()?.value;
-        let product = |apart: usize| -> f64 {
-            (0..count).map(|j| means[j] * means[(j + apart) % count]).sum()
-        };
-        Some(Self {
-            count,
-            sd: Value::new(sd, (noise / (count as f64 - 1.0)).sqrt()),
-            beside: product(1) / product(0),
-        })
+        Some(Self { count, sd: Value::new(sd, (noise / (count as f64 - 1.0)).sqrt()) })
     }
 }
 

@@ -1,7 +1,7 @@
 //! The draft of the camera file from what was measured.
 
 use super::gains::{Law, Place, digital_above};
-use super::noise::{MIN_SHARE, Noise, prnu};
+use super::noise::{MIN_SHARE, Noise, prnu, shared};
 use super::response::Response;
 use super::stacks::AtGain;
 use super::{Options, Unity};
@@ -278,10 +278,13 @@ impl Found<'_> {
         }
         let spread = self.noise.dark.as_ref().and_then(|d| d.spread).map_or(0.0, |s| s.value);
         let own = self.response.as_ref().and_then(|r| prnu(self.gains, r, self.lit, spread));
-        if let Some((own, first)) = own.zip(self.lit.first()) {
+        if let Some((prnu, first)) = own.zip(self.lit.first()) {
             let flats = self.of(true, &[*first]);
-            values.measured("sensor.noise.prnu", own.alone, &flats);
-            if let Some(shared) = own.shared {
+            let shared = shared(&prnu);
+            let alone = if shared.is_some() { prnu.own() } else { prnu.variance };
+            let alone = alone.sqrt().unwrap_or(Value::new(0.0, alone.std_error.sqrt()));
+            values.measured("sensor.noise.prnu", alone, &flats);
+            if let Some(shared) = shared.and_then(Value::sqrt) {
                 values.measured("effect.prnu-correlated.sigma", shared, &flats);
             }
         }

@@ -8,15 +8,15 @@ use camrig_base::Value;
 use camrig_base::tails::{self, median_of_squares, quantile_of_squares};
 use camrig_estimates::bias::Bias;
 use camrig_estimates::converter::{Codes, KEYS, significant_errors};
+use camrig_estimates::dark::MIN_SPAN;
 use camrig_estimates::flat::SQUARE;
+use camrig_estimates::prnu::Prnu;
 use camrig_estimates::robust::trigamma;
 use camrig_estimates::rows::RowNoise;
 
 /// Standard errors, and share of the read noise, from which an effect is written.
 const MIN_DEVIATION: f64 = 3.0;
 pub(crate) const MIN_SHARE: f64 = 0.03;
-/// Longest over shortest exposure from which darks show a dark current.
-const MIN_SPAN: f64 = 1.5;
 /// Hot pixels from which their law is written.
 const MIN_HOT: f64 = 5.0;
 /// Frames of the bias from which the spread of the read noise is judged: of fewer, the law of their
@@ -102,11 +102,14 @@ impl Noise {
             let null = variance / offsets.deviation.max(1e-9);
             (Value::new(variance, null), null)
         };
-        let dark = self.dark.clone();
-        let pixels = |g: &AtGain| {
-            let v = g.found.bias.pattern.pixels;
-            (v, v.std_error)
-        };
+        // Where no gain has darks of two exposures, pixels of more dark current have offsets.
+        let at_0 = gains.iter().any(|g| g.found.pixel_offsets.is_some());
+        let pixels = gains.iter().zip(response).filter_map(|(g, k)| {
+            let variance = if at_0 { g.found.pixel_offsets? } else { g.found.bias.pattern.pixels };
+            let variance = variance.scaled(k.value.powi(2).recip());
+            Some((variance, variance.std_error))
+        });
+        let pixels = Part::of(pixels.collect()).of_one_pattern();
         let sites = |g: &AtGain| {
             let v = g.found.bias.frame_site_variance.unwrap_or(Value::new(0.0, 1.0));
             (v, v.std_error)
@@ -137,12 +140,7 @@ impl Noise {
             ),
             ("frame-offset-noise", part(&frame)),
             ("frame-offset-by-site", part(&sites)),
-            ("pixel-offset-fpn", {
-                // The pattern of the dark current in the shortest exposure is not one of offsets.
-                let spread = dark.and_then(|d| d.spread).map_or(0.0, |s| s.value);
-                let grown = gains.iter().map(|g| (spread * g.shortest_s).powi(2));
-                pattern(&pixels).less(grown.fold(0.0, f64::max))
-            }),
+            ("pixel-offset-fpn", pixels),
         ];
         for (kind, part) in parts {
             let sigma = match law {
@@ -275,15 +273,6 @@ impl Part {
         let sigma = self.sigma.map(|s| Value::new(s.value, error(s)));
         Self { sigma, ..self }
     }
-
-    /// Without a part that has another cause.
-    fn less(self, variance: f64) -> Self {
-        let rest = self
-            .sigma
-            .map(|s| Value::new(s.value * s.value - variance, 2.0 * s.value * s.std_error));
-        let sigma = rest.and_then(Value::sqrt);
-        Self { deviation: rest.map_or(0.0, |r| r.value / self.null), sigma, ..self }
-    }
 }
 
 /// What the spread of the read noise has by the lower half of the logarithms of variances, which
@@ -367,15 +356,8 @@ fn dark(gains: &[AtGain], response: &[Value]) -> Option<Dark> {
     })
 }
 
-/// Spread of the pixels' response.
-pub struct Prnu {
-    /// Of each pixel for itself.
-    pub alone: Value,
-    /// That which neighbours share, where it stands out.
-    pub shared: Option<Value>,
-}
-
-/// PRNU of the brightest flat of the lowest gain: of the charge, which the response compresses.
+/// PRNU of the brightest flat of the lowest gain, of which all flats tell what neighbours share: of
+/// the charge, which the response compresses.
 pub fn prnu(
     gains: &[AtGain],
     response: &Response,
@@ -384,10 +366,7 @@ pub fn prnu(
 ) -> Option<Prnu> {
     let index = *lit.first()?;
     let g = &gains[index];
-    let level = |i: usize| {
-        let sites = &g.found.flats[i].sites;
-        sites.iter().map(|s| s.level.value).sum::<f64>() / sites.len() as f64
-    };
+    let level = |i: usize| g.found.flats[i].level();
     let flat = g.flats.iter().max_by(|a, b| level(a.index).total_cmp(&level(b.index)))?;
     let k = response.gains[0].value;
     let found = &g.found.flats[flat.index];
@@ -402,32 +381,14 @@ pub fn prnu(
     let kept = (1.0 - (SQUARE as f64).sqrt().recip()).powi(2);
     let of_channels = g.channels[0]
         .map_or(0.0, |c| kept * c.sd.value.powi(2) * (c.count as f64 - 1.0) / c.count as f64);
-    let beside = g.channels[0].map_or(0.0, |c| c.beside);
-    let with_channels = variance;
-    let variance = Value::new(variance.value - of_channels, variance.std_error);
-    let neighbours = found.gain_correlation;
-    let of_neighbours = |i: usize, of_channel: f64| {
-        let product = neighbours[i].scaled(with_channels.value / variance.value);
-        Value::new(product.value - of_channel * of_channels / variance.value, product.std_error)
-    };
-    let [right, below] = [of_neighbours(0, beside), of_neighbours(1, 1.0)];
-    let correlation = Value::combine([right, below])?;
-    // A pattern that neighbours share has a half of its variance in common between them. The mean
-    // over a square of n pixels, which was taken off, has taken 4/n of it, and 1/n of the other.
-    let taken = 1.0 / SQUARE as f64;
-    let per_variance = 0.5 - 4.0 * taken + taken * (1.0 - 4.0 * taken) / (1.0 - taken);
-    let part = correlation.scaled((1.0 - taken) / per_variance);
-    let part = Value::new(part.value + taken / per_variance, part.std_error);
-    let both = right.z().min(below.z()) > MIN_DEVIATION;
-    let stands_out = both && part.value > MIN_SHARE;
-    if !stands_out || part.value >= 1.0 {
-        return Some(Prnu { alone: variance.sqrt()?, shared: None });
-    }
-    let alone = variance.scaled(1.0 - part.value * (1.0 - 4.0 * taken) / (1.0 - taken));
-    let of_part = part.std_error / part.value;
-    let shared = variance.scaled(part.value);
-    let error = libm::hypot(shared.std_error, of_part * shared.value);
-    let alone = Value::new(alone.value, libm::hypot(alone.std_error, of_part * shared.value));
-    let alone = alone.sqrt().unwrap_or(Value::new(0.0, alone.std_error.sqrt()));
-    Some(Prnu { alone, shared: Value::new(shared.value, error).sqrt() })
+    let slope = response.slope(0, found.level());
+    let shared = g.found.prnu?.shared.map(|v| v.scaled(slope.powi(2).recip()));
+    Some(Prnu { variance: Value::new(variance.value - of_channels, variance.std_error), shared })
+}
+
+/// What of it neighbours share, where that stands out.
+pub fn shared(prnu: &Prnu) -> Option<Value> {
+    let shared = prnu.shared();
+    let stands_out = prnu.deviation() > MIN_DEVIATION;
+    stands_out.then_some(shared).filter(|s| s.value > MIN_SHARE * prnu.variance.value)
 }
