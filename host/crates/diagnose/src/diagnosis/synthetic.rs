@@ -16,6 +16,8 @@ const GAIN: f64 = 0.5;
 const READ_E: f64 = 5.0;
 const DARK_E_PER_S: f64 = 4.0;
 const PRNU: f64 = 0.007;
+/// What neighbours share of it, where that is hidden.
+const SHARED_PRNU: f64 = 0.012;
 const EFFICIENCY: f64 = 0.6;
 
 /// A stack: exposure, photo-electrons, temperature, frames.
@@ -495,7 +497,7 @@ fn place(sensor: &mut Sensor) -> usize {
 
 const SITES: [&str; 4] = ["site 0,0", "site 1,0", "site 0,1", "site 1,1"];
 
-const CASES: [Case; 13] = [
+const CASES: [Case; 14] = [
     Case {
         effect: "particle-hits",
         hide: |s| {
@@ -588,6 +590,20 @@ const CASES: [Case; 13] = [
                 && of("width").contains(&(side as f64))
                 && of("width").contains(&5.0)
         },
+    },
+    Case {
+        effect: "prnu-correlated",
+        hide: |s| {
+            let width = s.side + 1;
+            let corners: Vec<f64> = (0..width * width).map(|_| s.normal()).collect();
+            for p in 0..s.side * s.side {
+                let at = p / s.side * width + p % s.side;
+                let around = [0, 1, width, width + 1].map(|d| corners[at + d]);
+                s.response[p] += 0.5 * SHARED_PRNU * around.iter().sum::<f64>();
+            }
+        },
+        also: &[],
+        check: |e, _| is_right(e, "sigma", SHARED_PRNU),
     },
     Case {
         effect: "charge-transfer-inefficiency",

@@ -12,6 +12,7 @@ use camrig_estimates::bias::Bias;
 use camrig_estimates::dark::variance_of_mean;
 use camrig_estimates::flat::{Flat, Wave};
 use camrig_estimates::gains::Parts;
+use camrig_estimates::prnu::Prnu;
 use camrig_fourier::sinc;
 use std::f64::consts::SQRT_2;
 
@@ -249,6 +250,13 @@ fn at_least(v: Value, error: f64) -> Value {
     Value::new(v.value, v.std_error.max(error))
 }
 
+/// Variances of the pixels' offsets at exposure 0, of captures and a model; where the darks have
+/// one exposure, at that.
+fn pixel_offsets(data: &Estimates, model: &Estimates) -> [Value; 2] {
+    let at_0 = data.pixel_offsets.zip(model.pixel_offsets);
+    at_0.map_or([data, model].map(|e| e.bias.pattern.pixels), Into::into)
+}
+
 fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
     let (d, m, k) = (&data.bias, &model.bias, dn_per_e(data));
     // Noise of rows that the model lacks leaves its rest in the mean too.
@@ -310,8 +318,8 @@ fn of_bias(data: &Estimates, model: &Estimates) -> Vec<Test> {
         ),
         variance(
             "pixel-offset-fpn",
-            [d.pattern.pixels, m.pattern.pixels],
-            "even times odd frames of the bias, pixel by pixel",
+            pixel_offsets(data, model),
+            "even times odd frames of the darks at exposure 0, pixel by pixel",
         ),
         variance(
             "column-offset-fpn",
@@ -471,11 +479,12 @@ fn of_blinking(data: &Estimates, model: &Estimates) -> Vec<Test> {
 
 fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
     let pairs = || data.flats.iter().zip(&model.flats);
-    let Some((brightest, of_model)) = pairs().max_by(|a, b| level(a.0).total_cmp(&level(b.0)))
+    let Some((brightest, of_model)) = pairs().max_by(|a, b| a.0.level().total_cmp(&b.0.level()))
     else {
         let kinds = [
             "system-gain",
             "prnu",
+            "prnu-correlated",
             "flicker-banding",
             "light-flicker",
             "defective-columns",
@@ -486,7 +495,7 @@ fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
     let mut tests = Vec::new();
     if let Some((d, m)) = data.gain.zip(model.gain) {
         let shown_by = "variance over mean of the flats";
-        let moved = level(brightest) / level(of_model) - 1.0;
+        let moved = brightest.level() / of_model.level() - 1.0;
         let ratio = d.over(m).value - 1.0;
         // A gain moves the mean as much as variance over mean. Non-linearity, coupling and defects
         // bend the variance, and light that was fitted to the means leaves them where they are.
@@ -508,17 +517,7 @@ fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
         "variance over mean of each site of the brightest flat",
     );
     tests.push(with_sites(gain, &gains(brightest), "DN/e-"));
-    let prnu = |f: &Flat| f.sites.iter().map(|s| s.prnu_variance).collect::<Vec<_>>();
-    let (d, m) = (prnu(brightest), prnu(of_model));
-    if let (Some(all), Some(given)) = (Value::combine(d.clone()), Value::combine(m)) {
-        let roots: Vec<Value> = d.iter().filter_map(|v| v.sqrt()).collect();
-        let shown_by = "even times odd frames of the brightest flat, without what is smooth";
-        let test = Test::new("prnu", differs(all, given), shown_by);
-        let test = all
-            .sqrt()
-            .map_or_else(|| Test::new("prnu", 0.0, shown_by), |s| test.with("sigma", s, "1"));
-        tests.push(with_sites(test, &roots, "1"));
-    }
+    tests.extend(of_prnu(data, model));
     tests.extend(of_light(brightest, of_model, data));
     let [count, given] = [brightest, of_model].map(|f| f.defective_columns.len() as f64);
     let deviation = if count > given { 2.0 * MIN_PIXELS } else { 0.0 };
@@ -550,12 +549,47 @@ fn of_flats(data: &Estimates, model: &Estimates) -> Vec<Test> {
     tests
 }
 
-fn level(flat: &Flat) -> f64 {
-    flat.sites.iter().map(|s| s.level.value).sum::<f64>() / flat.sites.len().max(1) as f64
+/// The variance of `prnu`, of the captures and a model: of the brightest flat; where neighbours
+/// share a part in one of the two, the other part over all flats.
+fn prnu_variances(both: [&Estimates; 2]) -> Option<[Value; 2]> {
+    let parts = both.map(|e| e.prnu);
+    let shares = |p: &Prnu| p.deviation() >= super::MIN_DEVIATION;
+    let own = parts.iter().flatten().any(shares);
+    let of = |e: &Estimates| match own {
+        true => e.prnu.map(|p| p.own()),
+        false => Value::combine(brightest(e)?.sites.iter().map(|s| s.prnu_variance)),
+    };
+    let [d, m] = both.map(of);
+    Some([d?, m?])
+}
+
+/// Of the pixels' gains: each for itself, and what neighbours share.
+fn of_prnu(data: &Estimates, model: &Estimates) -> Vec<Test> {
+    let mut tests = Vec::new();
+    if let Some([d, m]) = prnu_variances([data, model]) {
+        let shown_by = "even times odd frames of the brightest flat, without what is smooth";
+        let test = match d.sqrt() {
+            Some(sigma) => Test::new("prnu", differs(d, m), shown_by).with("sigma", sigma, "1"),
+            None => Test::new("prnu", 0.0, shown_by),
+        };
+        let sites = brightest(data).map_or(&[][..], |f| &f.sites);
+        let roots: Vec<Value> = sites.iter().filter_map(|s| s.prnu_variance.sqrt()).collect();
+        tests.push(with_sites(test, &roots, "1"));
+    }
+    if let Some((d, m)) = data.prnu.zip(model.prnu) {
+        let shown_by = "even times odd frames of all flats, at neighbours to the right, below and \
+                        diagonally below";
+        let test = Test::new("prnu-correlated", d.less(&m).deviation(), shown_by);
+        tests.push(match d.shared().sqrt() {
+            Some(sigma) => test.with("sigma", sigma, "1"),
+            None => test,
+        });
+    }
+    tests
 }
 
 fn brightest(e: &Estimates) -> Option<&Flat> {
-    e.flats.iter().max_by(|a, b| level(a).total_cmp(&level(b)))
+    e.flats.iter().max_by(|a, b| a.level().total_cmp(&b.level()))
 }
 
 /// The site with the least.
@@ -688,7 +722,7 @@ fn of_light(d: &Flat, m: &Flat, data: &Estimates) -> Vec<Test> {
     // The waves that a frame cuts off change its mean too, and so does its offset, as far as that
     // is known.
     let offsets = data.frame_offsets.filter(|o| o.deviation > MIN_OFFSETS);
-    let offsets = offsets.map_or(0.0, |o| (o.sd.value / level(d)).powi(2));
+    let offsets = offsets.map_or(0.0, |o| (o.sd.value / d.level()).powi(2));
     let other = 2.0 * (by_rows + offsets);
     let lamp = Value::new(lamp.value - other, lamp.std_error + other);
     let shown_by = "means of the frames of the brightest flat over time";
@@ -832,7 +866,10 @@ pub(super) fn proposal(
             at_place(law, data.behind_gain.is_some_and(|b| b.rows.is_behind()))
         }
         "column-temporal-noise" => sigma("sigma_e", d.column_variance, m.column_variance, per_e),
-        "pixel-offset-fpn" => sigma("sigma_e", d.pattern.pixels, m.pattern.pixels, per_e),
+        "pixel-offset-fpn" => {
+            let [d, m] = pixel_offsets(data, model);
+            sigma("sigma_e", d, m, per_e)
+        }
         "column-offset-fpn" => sigma("sigma_e", d.pattern.columns, m.pattern.columns, per_e),
         "row-offset-fpn" => sigma("sigma_e", d.pattern.rows, m.pattern.rows, per_e),
         "read-noise-spread" => {
@@ -850,11 +887,12 @@ pub(super) fn proposal(
             }));
             at_place(law, data.behind_gain.is_some_and(|b| b.frames_are_behind))
         }
-        "prnu" => {
-            let all = |e: &Estimates| {
-                Value::combine(brightest(e)?.sites.iter().map(|s| s.prnu_variance))
+        "prnu" | "prnu-correlated" => {
+            let [d, m] = match test.effect {
+                "prnu" => prnu_variances([data, model])?,
+                _ => [data.prnu?.shared(), model.prnu?.shared()],
             };
-            sigma("sigma", all(data)?, all(model)?, [Value::new(1.0, 0.0); 2])
+            sigma("sigma", d, m, [Value::new(1.0, 0.0); 2])
         }
         "system-gain" => {
             let ratio = data.gain?.over(model.gain?);

@@ -31,8 +31,8 @@ pub(super) struct Given {
     pub dn_per_e: f64,
 }
 
-/// Whole stacks of one gain and temperature, the shortest dark stack of each other gain, and the
-/// part of the frames that is used.
+/// Whole stacks of one gain, the darks of one temperature, the shortest dark stack of each other
+/// gain, and the part of the frames that is used.
 pub(super) struct Gathered {
     conditions: Vec<Condition>,
     sites: Sites,
@@ -72,7 +72,11 @@ impl Gathered {
         let mut others: Vec<Condition> =
             all.iter().filter(|c| !c.is_flat()).filter(same_temperature).cloned().collect();
         others.sort_by(|a, b| a.stack.exposure_s.total_cmp(&b.stack.exposure_s));
-        all.retain(|c| alike(c, &first));
+        // The spread of gains, and shot noise, are those of any temperature.
+        let same_gain = |c: &Condition| c.stack.analog_gain == first.stack.analog_gain;
+        all.retain(|c| alike(c, &first) || c.is_flat() && same_gain(c));
+        // The temperature is that of the darks.
+        all.sort_by_key(Condition::is_flat);
         for other in others {
             let gain = other.stack.analog_gain;
             if !all.iter().any(|c| c.stack.analog_gain == gain) {

@@ -218,8 +218,11 @@ pub(super) fn select(
             let [taken, rival] = [&best, rival].map(|t| t.proposal.kind.to_string());
             selection.confounded.push(Rivals { taken, rival });
         }
-        let added = step(&measured.holdout, model, &next, best, others);
+        let mut added = step(&measured.holdout, model, &next, best, others);
         let Proposal { kind, beside, .. } = added.trial.proposal;
+        // What has evidence of its own has it with other values too.
+        added.trial.proposal.by_evidence |=
+            next.named.iter().any(|p| p.kind == kind && p.by_evidence);
         selection.steps.retain(|s| beside || s.trial.proposal.kind != kind);
         selection.steps.push(added);
         selection.model = next;
