@@ -16,8 +16,9 @@ const FORMAT: &str = "sensor-profile/1";
 pub(crate) const MAX_DELAY: u32 = 4;
 
 /// The profiles that this crate has, by their names.
-const BUILTIN: [(&str, &str); 7] = [
+const BUILTIN: [(&str, &str); 8] = [
     ("ar0144", include_str!("../profiles/ar0144.toml")),
+    ("ar0234", include_str!("../profiles/ar0234.toml")),
     ("ccs", include_str!("../profiles/ccs.toml")),
     ("imx219", include_str!("../profiles/imx219.toml")),
     ("imx477", include_str!("../profiles/imx477.toml")),
@@ -513,6 +514,10 @@ mod tests {
             ("ar0144", 0x20, 4.0 * 1.153125),
             ("ar0144", 0x3F, 8.0 * 1.153125 / (1.0 - 7.0 / 16.0)),
             ("ar0144", 0x40, 16.0 * 1.153125),
+            ("ar0234", 0x0D, 1.0 / (1.0 - 13.0 / 32.0)),
+            ("ar0234", 0x17, 2.0 / (1.0 - 3.0 / 16.0)), // odd fine codes are those below
+            ("ar0234", 0x2F, 4.0 / (1.0 - 15.0 / 32.0)),
+            ("ar0234", 0x4F, 16.0 / (1.0 - 3.0 / 8.0)),
         ] {
             let found = gain(profile, code);
             assert!((found / expected - 1.0).abs() < 1e-12, "{profile} {code:#x}: {found}");
