@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Clients that are Python modules rather than programs.
-const PYTHON_MODULES: [&str; 10] = [
+const PYTHON_MODULES: [&str; 11] = [
     "astropy",
+    "bayerlink",
     "cv2",
     "dngpy",
     "emva1288",

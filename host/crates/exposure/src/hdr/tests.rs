@@ -19,6 +19,7 @@ use camrig_sensor_core::hdr::{Output, Readout};
 use camrig_sensor_core::spectral::GROUP;
 use camrig_testing::{hdr, shared};
 use std::collections::HashMap;
+use std::iter::successors;
 
 fn camera(name: &str, size: [u32; 2], changes: &[Change]) -> Camera {
     let folder = tempfile::tempdir().unwrap();
@@ -300,7 +301,9 @@ fn what_is_sent_is_the_merge_of_the_captures_pixel_by_pixel() {
         let camera = camera(name, SIZE, &[]);
         let described = camera.sensor.hdr.as_ref().unwrap();
         let mut writer = IrradianceWriter::new(header(&camera)).unwrap();
-        let light = |x, y| (1.2f32).powi((x + y) as i32 % 150) * 1e-9;
+        let brighter = |light: &f32| Some(1.2 * light);
+        let steps: Vec<f32> = successors(Some(1e-9), brighter).take(150).collect();
+        let light = |x, y| steps[(x + y) % 150];
         writer.push(&Plane::from_fn(SIZE[0] as usize, SIZE[1] as usize, light)).unwrap();
         let cube = writer.finish().unwrap();
         let settings = FrameSettings::new(hdr::exposure_s(name) as f32);
