@@ -71,8 +71,8 @@ pub struct Args {
     /// CSI-2 output where the input is of another format [default: 0]
     #[arg(long, value_name = "VC")]
     virtual_channel: Option<u8>,
-    /// CSI-2 input: convert it although packets are damaged or missing, and say which; lines that are
-    /// lost are zero
+    /// CSI-2 input: convert it although packets are damaged or missing, and say which; lines that
+    /// are lost are zero
     #[arg(long)]
     damaged: bool,
     /// Print commands that read headerless output with ffmpeg, GStreamer and V4L2

@@ -462,8 +462,8 @@ fn hot_pixels_are_counted() {
     assert_is(dark.median, 0.27 * 2.006, 0.01);
 }
 
-/// Darks of 5 s and more, in which hot pixels have 100 e⁻ and the others differ by 1.5 e⁻: offsets
-/// are within four errors, none or 1 e⁻.
+/// Darks of 5 s and more, in which hot pixels have 100 e⁻ and the others differ by 1.5 e⁻:
+/// offsets are within four errors, none or 1 e⁻.
 #[test]
 fn dark_charge_of_any_law_is_no_offset() {
     for seed in 20..28 {

@@ -202,8 +202,8 @@ impl Taking<'_> {
         self.inputs.iter().map(of_one).collect()
     }
 
-    /// The samples that `sample` makes of the merged signal, linear DN. The captures are there for a
-    /// few rows at a time, which stay in the cache until they are merged.
+    /// The samples that `sample` makes of the merged signal, linear DN. The captures are there for
+    /// a few rows at a time, which stay in the cache until they are merged.
     fn merged<S: Clone + Default + Send>(
         &self,
         sample: impl Fn(u32) -> S + Sync,

@@ -40,11 +40,8 @@ impl Display {
     pub fn size(self, frame: &RawFrame) -> Result<(usize, usize)> {
         let bytes = (frame.width * frame.bits as usize).div_ceil(8);
         let holds = |(width, height): (usize, usize)| bytes <= 3 * width && frame.height < height;
-        let mut sizes = self.0.as_slice().iter().copied().chain(match self.0 {
-            Some(_) => [].iter().copied(),
-            None => MODES.iter().copied(),
-        });
-        sizes.find(|size| holds(*size)).ok_or_else(|| {
+        let sizes = self.0.as_ref().map_or(&MODES[..], std::slice::from_ref);
+        sizes.iter().copied().find(|size| holds(*size)).ok_or_else(|| {
             let (width, height) = (bytes.div_ceil(3), frame.height + 1);
             Error::limit(format!(
                 "{} lines of {} samples of {} bits on a display link",

@@ -22,10 +22,7 @@ pub use damage::{Damage, damage};
 pub use embedded::{Embedded, address};
 pub use packet::{Fault, Found, Packet, Packets, checksum, ecc};
 pub(super) use read::is_stream;
-pub use read::{
-    Channel, Damaged, Stream, Wrong, decode, decode_channel, decode_damaged, decode_stream,
-    is_wide,
-};
+pub use read::{Channel, Damaged, Stream, Wrong, decode, decode_damaged, decode_stream, is_wide};
 pub use write::{Options, Sent, encode, encode_together, encode_with};
 
 use camrig_base::{Dn, Result};

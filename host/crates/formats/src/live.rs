@@ -172,7 +172,10 @@ impl LiveEncoder {
             Format::Csi2 => {
                 let options = beside.options(counted);
                 let bytes = csi2::encode_with(&Frames::from_raw(frame), &options)?;
-                csi2::damage(&bytes, &beside.damage)?
+                match &beside.damage[..] {
+                    [] => bytes,
+                    damages => csi2::damage(&bytes, damages)?,
+                }
             }
             Format::Y4m => {
                 let mut bytes = match self.count {

@@ -165,8 +165,9 @@ mod tests {
         }
     }
 
-    /// Curves with knees in a cell of their own, several in one cell, and up to the ends of 24 bits: a
-    /// code is that of the definition beside each knee, at the ends of the signal and in between.
+    /// Curves with knees in a cell of their own, several in one cell, and up to the ends of 24
+    /// bits: a code is that of the definition beside each knee, at the ends of the signal and in
+    /// between.
     #[test]
     fn codes_by_the_table_are_the_definition() {
         let several: Vec<(u32, f64)> = (1..64)

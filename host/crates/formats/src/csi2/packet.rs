@@ -137,9 +137,9 @@ impl<'a> Packets<'a> {
         true
     }
 
-    /// Where packets go on after a header, and whether what lies between is a payload whose checksum
-    /// holds; the end of the stream if nowhere. By chance the last bytes of a payload are a short
-    /// packet's header, so that the second place counts too.
+    /// Where packets go on after a header, and whether what lies between is a payload whose
+    /// checksum holds; the end of the stream if nowhere. By chance the last bytes of a payload are
+    /// a short packet's header, so that the second place counts too.
     fn next_begin(&self, header: usize) -> (usize, bool) {
         let begin = header + HEADER;
         let longest = begin + usize::from(u16::MAX) + FOOTER;

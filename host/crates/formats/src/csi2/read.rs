@@ -144,14 +144,6 @@ pub fn decode<S: Dn>(bytes: &[u8]) -> Result<Frames<S>> {
     decode_stream(bytes)?.only()
 }
 
-/// Reads the frames of a virtual channel.
-///
-/// # Errors
-/// Those of [`decode_stream`]; a channel without frames.
-pub fn decode_channel<S: Dn>(bytes: &[u8], virtual_channel: u8) -> Result<Frames<S>> {
-    decode_stream(bytes)?.channel(virtual_channel)
-}
-
 /// Reads a whole packet stream: the frames, frame numbers and embedded data of each virtual
 /// channel. Packets of other data types (blanking, user-defined) are skipped.
 ///
@@ -195,7 +187,10 @@ pub fn decode_damaged<S: Dn>(bytes: &[u8]) -> Result<Stream<S>> {
         }
         let wrong = match found.packet {
             Some(packet) => reader.take(found.at, &packet),
-            None => reader.lose(found.at, found.fault),
+            None => {
+                reader.lose(found.at, found.fault);
+                None
+            }
         };
         faults.extend(wrong.map(|wrong| Damaged { wrong, ..place }));
     }
@@ -345,7 +340,7 @@ impl<'a> Reader<'a> {
     }
 
     /// A packet is lost: an image line, once there are as many embedded lines as before.
-    fn lose(&mut self, at: usize, fault: Option<Fault>) -> Option<Wrong> {
+    fn lose(&mut self, at: usize, fault: Option<Fault>) {
         let lost = match fault {
             Some(Fault::Header { lost } | Fault::WordCount { lost, .. }) => lost,
             _ => 0,
@@ -355,7 +350,6 @@ impl<'a> Reader<'a> {
         if self.is_open && self.frames.last().map_or(0, embedded) >= before {
             self.open(at).lines.push(Line { at, found: None, lost });
         }
-        None
     }
 
     /// The frames, and what is wrong with their lines.

@@ -211,10 +211,10 @@ fn channels_are_taken_apart() {
     let planes: Vec<_> = stream.channels.iter().map(|c| &c.frames.planes[..]).collect();
     assert_eq!(planes, [&[long.clone(), long.clone()][..], &[short.clone(), short.clone()]]);
     assert_eq!(stream.channels[1].frame_numbers, [9, 10]);
-    assert_eq!(decode_channel::<u16>(&bytes, 1).unwrap().planes[1], short);
+    assert_eq!(decode_stream::<u16>(&bytes).unwrap().channel(1).unwrap().planes[1], short);
     let error = decode::<u16>(&bytes).unwrap_err().to_string();
     assert!(error.contains("virtual channels 0, 1") && error.contains("--virtual-channel"));
-    let error = decode_channel::<u16>(&bytes, 2).unwrap_err().to_string();
+    let error = decode_stream::<u16>(&bytes).unwrap().channel(2).unwrap_err().to_string();
     assert!(error.contains("there are frames on 0, 1"), "{error}");
     assert!(encode_together(&[sent(long, 0, 0), sent(&short, 0, 2)], 1, false).is_err());
 }
